@@ -28,6 +28,7 @@ from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import Hand
 from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
+from inercal.estimation.noise_scale import LEAST_RATIO
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
 from inercal.methods.magnetic_field import (
     Directions,
@@ -40,6 +41,7 @@ from inercal.methods.magnetic_field import (
 from inercal.methods.magnetic_field.stage import (
     DELAY,
     DELAY_SD,
+    STATED_NOISE,
     field_group,
     field_remarks,
     inhomogeneity_note,
@@ -122,8 +124,8 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
     wide[:g, :g] = fit.estimate.covariance
     at = _even_samples(seen.time)
     span = float(np.ptp(seen.time))
-    of_field = _noise(seen.mean, field, (len(seen.time) - 1) / span)
-    of_rate = _noise(track.reading, gyros, (len(track.time) - 1) / float(np.ptp(track.time)))
+    of_field, ratio = _noise(seen.mean, field, (len(seen.time) - 1) / span)
+    of_rate, _ = _noise(track.reading, gyros, (len(track.time) - 1) / float(np.ptp(track.time)))
     warmth = temperature_offsets(seen.temperature, field, len(seen.time))
     nodes = FieldNodes(
         tuple(f"{t:.2f} s" for t in seen.time[at].tolist()),
@@ -147,7 +149,7 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
         change = found.correction[: g + 1]
     assert found is not None
     estimate = _estimate(gyros, field, found, start)
-    return estimate, field_remarks(estimate, found)
+    return estimate, field_remarks(estimate, found, STATED_NOISE * (ratio > LEAST_RATIO))
 
 
 def _even_samples(time: Array) -> Indices:
@@ -158,8 +160,8 @@ def _even_samples(time: Array) -> Indices:
     return np.unique(np.minimum(nearest, len(time) - 1))
 
 
-def _noise(reading: Array, sensor: Sensor, rate_hz: float) -> Array:
-    """Return the standard deviation of one sample of each axis: the stated one, or that seen.
+def _noise(reading: Array, sensor: Sensor, rate_hz: float) -> tuple[Array, float]:
+    """Return the deviation of one sample of each axis, as stated or seen, and their largest ratio.
 
     Third differences remove all but fast motion, and the median removes its rare moments.
     """
@@ -169,7 +171,7 @@ def _noise(reading: Array, sensor: Sensor, rate_hz: float) -> Array:
     result = np.maximum(np.where(stated > 0, stated, changes), steps)
     if not np.all(result > 0):
         raise NotObserved("an axis has the same reading in most samples")
-    return result
+    return result, float(np.max(stated[changes > 0] / changes[changes > 0], initial=0.0))
 
 
 def _rotations(track: Track, gyros: Sensor, c: Array, time: Array) -> _Rotations:

@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import chdtr
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
@@ -22,6 +23,7 @@ from inercal.benches import Hand
 from inercal.calibration.verdict import UNSEEN
 from inercal.estimation import Estimate, ResidualGroup, ScoreTestSet
 from inercal.estimation.lazy_value import LazyValue
+from inercal.estimation.noise_scale import LEAST_RATIO, LEVEL
 from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods import Fit, Remarks, temperature
@@ -42,6 +44,7 @@ from inercal.recordings import Finding, Observations
 from inercal.recordings.magnetic import MagneticReadings
 
 DELAY = "delay"
+STATED_NOISE = "the noise stated in [sensor.magnetometer]"
 _OWN = ("dip", "strength")
 _HEMISPHERES: dict[int, Hemisphere | None] = {1: "north", -1: "south", 0: None}
 _UNSEEN = (
@@ -93,12 +96,19 @@ def add_magnetometers(
     first = _grouped(fit.estimate, fit.observations)
     fit = replace(fit, estimate=first)
     found = _fit(fit, field, links)
-    whole = _joined(first, found, len(fit.sensor.coefficients))
-    return whole, field_remarks(whole, found)
+    whole, seen = _joined(first, found, len(fit.sensor.coefficients)), _readings(fit)
+    stated = "[data.sd] magnetometer"
+    if seen.noise.any():
+        ratio = _stated_variances(fit, seen, field) / np.diagonal(seen.noise)
+        stated = STATED_NOISE * bool(np.any(ratio > LEAST_RATIO**2))
+    return whole, field_remarks(whole, found, stated)
 
 
-def field_remarks(estimate: Estimate, found: FieldFit) -> Remarks:
+def field_remarks(estimate: Estimate, found: FieldFit, stated: str) -> Remarks:
     """Return what no test can detect, with the field and the magnetometers' delay as conditions.
+
+    `stated` names the noise in the run file that exceeds that of the readings; "" if none does. It
+    is a finding if the residuals are too small for it.
 
     Raises
     ------
@@ -118,7 +128,15 @@ def field_remarks(estimate: Estimate, found: FieldFit) -> Remarks:
             sd = float(np.sqrt(estimate.covariance[k, k]))
             size = format_quantity(float(estimate.value[k]), COVERAGE * sd, unit)
             conditions[what] = f"{size} (k = {COVERAGE:g})"
-    return Remarks(tuple(Finding("note", UNSEEN, text) for text in unseen), conditions=conditions)
+    findings = [Finding("note", UNSEEN, text) for text in unseen]
+    small = chdtr(found.dof, found.chi2) < LEVEL and found.chi2 > 0
+    if stated and small and (ratio := (found.dof / found.chi2) ** 0.5) >= LEAST_RATIO:
+        text = (
+            f"the residuals of the magnetometers are {format_number(ratio, 2)} times smaller than "
+            f"{stated} implies; U is computed from it and is too large"
+        )
+        findings.append(Finding("warning", "noise", text, factor=ratio))
+    return Remarks(tuple(findings), conditions=conditions)
 
 
 def linear_model(field: Sensor) -> LinearModel:
