@@ -362,10 +362,11 @@ def inhomogeneity_note(found: FieldFit) -> tuple[str, ...]:
     if not found.inhomogeneity:
         return ()
     low, high = inhomogeneity_interval(found)
+    where = "rests" if len(found.plain.problem.directions.node) else "samples"
     tau, low, high = (format_number(100 * one, 2) for one in (found.inhomogeneity, low, high))
     return (
-        f"The field differs between the rests by {tau} % in each component (95 % interval {low} to "
-        f"{high} %), which the uncertainties include.",
+        f"The field differs between the {where} by {tau} % in each component (95 % interval "
+        f"{low} to {high} %), which the uncertainties include.",
     )
 
 
