@@ -19,7 +19,7 @@ filtering", IEEE Trans. Control Systems Technology 26 (2018) 716.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -50,26 +50,17 @@ from inercal.methods.magnetic_field.stage import (
     tests_of_field,
 )
 from inercal.methods.multi_position.attitude_coverage import hand_held_plan
+from inercal.methods.multi_position.rest_links import BetweenNodes, between_nodes
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.frames import exp_so3
-from inercal.physics.motion import Motion
-from inercal.physics.sensors import Sensor, inverse
-from inercal.recordings import Observations, Track
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations, Track, Transitions
 
 _MOST_NODES = 1500
 _WIDE_BIAS = np.radians(20.0)  # rad/s
 _ROUNDS = 3
 _DIFFERENCE = np.sqrt(20.0)  # sd of a third difference of white noise with sd 1
 _NORMAL = 1.4826  # sd divided by the median of |x| of a normal distribution
-
-
-class _Rotations(NamedTuple):
-    """The rotation from each node to the next."""
-
-    matrix: Array  # (l, 3, 3), from the frame of the later node to that of the earlier one
-    by_coefficient: Array  # (l, 3, q), in the frame of the later node
-    seconds: Array  # (l,), sum of the squared steps, s²
-    rate: Array  # (nodes, 3), corrected, rad/s
 
 
 def prior(
@@ -140,11 +131,19 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
     conditions = FieldConditions(fit.bench.field)
     change, found = np.zeros(g + 1), None  # of the coefficients and the delay
     for _ in range(_ROUNDS):
-        way = _rotations(track, gyros, start + change[:g], nodes.time - change[g])
+        c, time = start + change[:g], nodes.time - change[g]
+        way, variance = _links(track, gyros, c, of_rate, time)
         by_earth = np.zeros((len(at) - 1, 3, 3))
         if found is not None:
             by_earth = -found.attitude[1:].mT * np.diff(nodes.time)[:, None, None]
-        links = _links(way, of_rate, change, by_earth)
+        # The rotations contain the change of coefficients and delay; the links refer to the start.
+        links = Links(
+            np.arange(len(at) - 1),
+            way.matrix @ exp_so3(-way.derivative @ change),
+            variance[:, None, None] * np.eye(3),
+            np.concatenate([way.derivative, by_earth], axis=2),
+            np.zeros(len(at) - 1, dtype=bool),
+        )
         found = fit_field(nodes, model, unknown, links, conditions, wide)
         change = found.correction[: g + 1]
     assert found is not None
@@ -174,53 +173,21 @@ def _noise(reading: Array, sensor: Sensor, rate_hz: float) -> tuple[Array, float
     return result, float(np.max(stated[changes > 0] / changes[changes > 0], initial=0.0))
 
 
-def _rotations(track: Track, gyros: Sensor, c: Array, time: Array) -> _Rotations:
-    """Integrate the rate between the nodes' times, for all links at once (Magnus series)."""
+def _links(
+    track: Track, gyros: Sensor, c: Array, noise: Array, time: Array
+) -> tuple[BetweenNodes, Array]:
+    """Return the rotations between the nodes' times, and the variance of each, (l,) rad²."""
     offsets = temperature.sample_offsets(track, gyros)
-    dT = offsets if offsets.size else 0.0
-    rate = inverse(gyros, track.reading, c, dT=dT).w
-    _, design, slope = gyros.linearise(Motion(np.zeros((1, 3)), rate, dT=dT), c)
-    by_coefficient = -np.linalg.pinv(slope[..., 3:6]) @ design
-    by_coefficient = np.broadcast_to(by_coefficient, (len(rate), *by_coefficient.shape[1:]))
-    # Samples nearest to the nodes, and the small rotation from each sample to its node.
-    middle = 0.5 * (track.time[1:] + track.time[:-1])
-    at = np.searchsorted(middle, time)
-    aside = (time - track.time[at])[:, None] * rate[at]
-    first, last = at[:-1], at[1:]
-    turn = exp_so3(-aside[:-1])
-    sensitivity, seconds = np.zeros((len(first), 3, len(c))), np.zeros(len(first))
-    for step in range(int((last - first).max())):
-        k = np.flatnonzero(first + step < last)
-        i = first[k] + step
-        dt = (track.time[i + 1] - track.time[i])[:, None]
-        one, two = rate[i], rate[i + 1]
-        back = exp_so3(0.5 * dt * (one + two) + dt**2 / 12 * np.cross(one, two))
-        half = 0.5 * dt[..., None] * by_coefficient[i], 0.5 * dt[..., None] * by_coefficient[i + 1]
-        turn[k] = turn[k] @ back
-        sensitivity[k] = back.mT @ (sensitivity[k] + half[0]) + half[1]
-        seconds[k] += dt[:, 0] ** 2
-    end = exp_so3(aside[1:])
+    sample = np.searchsorted(0.5 * (track.time[1:] + track.time[:-1]), time)  # the nearest
+    first, last = sample[:-1], sample[1:]
+    output = gyros.to_output(track.reading)
+    parts = Transitions(track.time, output, first, first, first, last, last)
+    white, dT = float(np.mean(noise**2)), offsets if offsets.size else None
+    ends = time[:-1], time[1:]
+    between = between_nodes(parts, gyros, c, white * np.eye(3), ends, dT=dT)
     # Nodes beyond the ends of the track have the same sample.
-    seconds = np.maximum(seconds, np.diff(time) * np.diff(track.time).min())
-    return _Rotations(turn @ end, end.mT @ sensitivity, seconds, rate[at])
-
-
-def _links(way: _Rotations, noise: Array, change: Array, by_earth: Array) -> Links:
-    """Return the links, with derivatives by the coefficients, the delay and the earth's rate.
-
-    The rotations contain the `change` of coefficients and delay; the links refer to their start.
-    """
-    count = len(way.matrix)
-    by_delay = (way.matrix.mT @ way.rate[:-1, :, None])[..., 0] - way.rate[1:]
-    own = np.concatenate([way.by_coefficient, by_delay[..., None]], axis=2)
-    covariance = np.mean(noise**2) * way.seconds[:, None, None] * np.eye(3)
-    return Links(
-        np.arange(count),
-        way.matrix @ exp_so3(-own @ change),
-        covariance,
-        np.concatenate([own, by_earth], axis=2),
-        np.zeros(count, dtype=bool),
-    )
+    least = white * np.diff(time) * np.diff(track.time).min()
+    return between, np.maximum(np.trace(between.noise, axis1=1, axis2=2) / 3, least)
 
 
 def _estimate(gyros: Sensor, field: Sensor, found: FieldFit, start: Array) -> Estimate:
