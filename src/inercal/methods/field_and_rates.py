@@ -19,6 +19,7 @@ filtering", IEEE Trans. Control Systems Technology 26 (2018) 716.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,27 +28,22 @@ from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import Hand
 from inercal.estimation import Estimate
-from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.noise_scale import LEAST_RATIO
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
 from inercal.methods.magnetic_field import (
     Directions,
     FieldConditions,
-    FieldFit,
     FieldNodes,
     Links,
     fit_field,
 )
 from inercal.methods.magnetic_field.stage import (
-    DELAY,
     DELAY_SD,
     STATED_NOISE,
-    field_group,
     field_remarks,
-    inhomogeneity_note,
+    joined,
     linear_model,
     temperature_offsets,
-    tests_of_field,
 )
 from inercal.methods.multi_position.attitude_coverage import hand_held_plan
 from inercal.methods.multi_position.rest_links import BetweenNodes, between_nodes
@@ -147,7 +143,13 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
         found = fit_field(nodes, model, unknown, links, conditions, wide)
         change = found.correction[: g + 1]
     assert found is not None
-    estimate = _estimate(gyros, field, found, start)
+    # The later stage refined the gyros; the earth's rate is no result.
+    posterior = found.known_covariance[: g + 1, : g + 1]
+    found = replace(
+        found, correction=change, cross=found.cross[:, : g + 1], known_covariance=posterior
+    )
+    refined = replace(fit.estimate, value=start + change[:g], covariance=posterior[:g, :g])
+    estimate = joined(refined, found, g)
     return estimate, field_remarks(estimate, found, STATED_NOISE * (ratio > LEAST_RATIO))
 
 
@@ -188,31 +190,6 @@ def _links(
     # Nodes beyond the ends of the track have the same sample.
     least = white * np.diff(time) * np.diff(track.time).min()
     return between, np.maximum(np.trace(between.noise, axis1=1, axis2=2) / 3, least)
-
-
-def _estimate(gyros: Sensor, field: Sensor, found: FieldFit, start: Array) -> Estimate:
-    """Return gyros, magnetometers, strength of the field and delay as one estimate."""
-    g, q = len(start), len(found.correction)
-    value = np.concatenate([start + found.correction[:g], found.value, found.correction[g : g + 1]])
-    joint = np.block([[found.known_covariance, found.cross.T], [found.cross, found.covariance]])
-    order = [*range(g), *range(q, len(joint)), g]
-    names = (*gyros.coefficients, *found.names, DELAY)
-    wanted = (*gyros.coefficients, *field.coefficients)
-    return Estimate(
-        names=names,
-        value=value,
-        covariance=joint[np.ix_(order, order)],
-        chi2=np.array(found.chi2),
-        dof=found.dof,
-        wanted=wanted,
-        rank=len(wanted),
-        singular_values=found.singular_values,
-        converged=np.array(found.converged),
-        iterations=np.array(found.iterations),
-        groups=(field_group(found),),
-        notes=(*found.notes, *inhomogeneity_note(found)),
-        scoring=LazyValue(lambda: tests_of_field(found, g, len(names))),
-    )
 
 
 METHOD = Method(

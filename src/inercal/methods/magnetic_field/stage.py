@@ -96,7 +96,7 @@ def add_magnetometers(
     first = _grouped(fit.estimate, fit.observations)
     fit = replace(fit, estimate=first)
     found = _fit(fit, field, links)
-    whole, seen = _joined(first, found, len(fit.sensor.coefficients)), _readings(fit)
+    whole, seen = joined(first, found, len(fit.sensor.coefficients)), _readings(fit)
     stated = "[data.sd] magnetometer"
     if seen.noise.any():
         ratio = _stated_variances(fit, seen, field) / np.diagonal(seen.noise)
@@ -164,32 +164,33 @@ def linear_model(field: Sensor) -> LinearModel:
 
 def _fit(fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None) -> FieldFit:
     seen, labels = _readings(fit), fit.observations.labels
-    pieces = seen.pieces if links is not None else None
-    count, more = len(seen.rest), 0 if pieces is None else len(pieces.time)
-    none = np.full(count + more, -1)
-    time, rest, transition = np.zeros(count + more), none.copy(), none
-    time[:count], rest[:count] = seen.time, seen.rest
-    reading, covariance, kelvin = seen.mean, seen.covariance, seen.temperature
-    if pieces is not None:
-        time[count:], transition[count:] = pieces.time, pieces.transition
-        reading = np.concatenate([reading, pieces.mean])
-        covariance = np.concatenate([covariance, seen.noise / pieces.samples[:, None, None]])
-        if kelvin is not None and pieces.temperature is not None:
-            kelvin = np.concatenate([kelvin, pieces.temperature])
-    covariance = _with_stated_noise(covariance, _stated_variances(fit, seen, field), seen)
-    order = np.argsort(time, kind="stable")
-    at = NodeTimes(time[order], rest[order], transition[order])
+    pieces = None if links is None else seen.pieces
+    parts = (seen,) if pieces is None else (seen, pieces)
+    time, reading, samples = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("time", "mean", "samples")
+    )
+    order, count = np.argsort(time, kind="stable"), len(seen.rest)
+    more, rests = np.full(len(time) - count, -1), np.full(count, -1)
+    transition = rests if pieces is None else np.concatenate([rests, pieces.transition])
+    at = NodeTimes(time[order], np.concatenate([seen.rest, more])[order], transition[order])
+    covariance = np.concatenate([seen.covariance, seen.noise / samples[count:, None, None]])
+    # At least as large as the stated noise implies.
+    stated = _stated_variances(fit, seen, field) / samples[:, None]
+    lacking = stated - np.diagonal(covariance, axis1=1, axis2=2)
+    covariance += np.maximum(lacking, 0.0)[:, :, None] * np.eye(len("xyz"))
     rows: list[int] = at.rest.tolist()
     moments: list[float] = at.time.tolist()
     places = zip(rows, moments, strict=True)
+    warmth = [temperature_offsets(part.temperature, field, len(part.time)) for part in parts]
     nodes = FieldNodes(
         tuple(labels[row] if row >= 0 else f"{t:.2f} s" for row, t in places),
         reading[order],
         covariance[order],
         at.time,
-        temperature_offsets(kelvin, field, count + more)[order],
+        np.concatenate(warmth)[order],
     )
-    p, delayed = len(fit.sensor.coefficients), int(more > 0)
+    p, delayed = len(fit.sensor.coefficients), int(more.size > 0)
     known = np.zeros((p + delayed, p + delayed))
     known[:p, :p] = fit.estimate.covariance[:p, :p]
     known[p:, p:] = DELAY_SD**2
@@ -208,14 +209,6 @@ def _stated_variances(fit: Fit[Hand, Any], seen: MagneticReadings, field: Sensor
     rate = float(np.median(seen.samples / fit.observations.duration[seen.rest]))
     noises = [axis.noise for axis in field.axes]
     return np.array([noise.white**2 * rate + noise.quantisation**2 / 12 for noise in noises])
-
-
-def _with_stated_noise(covariance: Array, stated: Array, seen: MagneticReadings) -> Array:
-    """Return the covariance of each mean, at least as large as the stated noise implies."""
-    pieces = () if seen.pieces is None else seen.pieces.samples
-    count = np.concatenate([seen.samples, pieces])[: len(covariance), None]
-    lacking = stated / count - np.diagonal(covariance, axis1=1, axis2=2)
-    return covariance + np.maximum(lacking, 0.0)[:, :, None] * np.eye(len("xyz"))
 
 
 def temperature_offsets(kelvin: Array | None, field: Sensor, count: int) -> Array:
@@ -294,7 +287,7 @@ def _grouped(first: Estimate, observations: Observations) -> Estimate:
     return replace(first, covariance=first.stated_covariance, groups=(group,))
 
 
-def _joined(first: Estimate, found: FieldFit, p: int) -> Estimate:
+def joined(first: Estimate, found: FieldFit, p: int) -> Estimate:
     """Return both estimates as one; the first `p` parameters of `first` are the coefficients."""
     q, own = len(first.names), len(found.names) - sum(name in found.names for name in _OWN)
     known = first.covariance[:p, :p]
@@ -331,8 +324,8 @@ def _joined(first: Estimate, found: FieldFit, p: int) -> Estimate:
             ::-1
         ],
         converged=first.converged & found.converged,
-        groups=(*first.groups, field_group(found)),
-        notes=(*first.notes, *found.notes, *inhomogeneity_note(found)),
+        groups=(*first.groups, _field_group(found)),
+        notes=(*first.notes, *found.notes, *_inhomogeneity_note(found)),
         scoring=LazyValue(lambda: _joined_tests(first.score_tests, found, p, own, len(order))),
         sensitivities={
             name: np.concatenate([by, gain @ by[:p]])[order]
@@ -341,7 +334,7 @@ def _joined(first: Estimate, found: FieldFit, p: int) -> Estimate:
     )
 
 
-def field_group(found: FieldFit) -> ResidualGroup:
+def _field_group(found: FieldFit) -> ResidualGroup:
     """Return the readings of the magnetometers as a group with its own χ²."""
     nodes = found.plain.problem.nodes
     deviation = np.sqrt(np.diagonal(nodes.covariance, axis1=1, axis2=2))
@@ -357,7 +350,7 @@ def field_group(found: FieldFit) -> ResidualGroup:
     )
 
 
-def inhomogeneity_note(found: FieldFit) -> tuple[str, ...]:
+def _inhomogeneity_note(found: FieldFit) -> tuple[str, ...]:
     """Return a sentence on the inhomogeneity of the field, if there is any."""
     if not found.inhomogeneity:
         return ()
@@ -370,7 +363,7 @@ def inhomogeneity_note(found: FieldFit) -> tuple[str, ...]:
     )
 
 
-def tests_of_field(found: FieldFit, first: int, count: int) -> ScoreTestSet:
+def _tests_of_field(found: FieldFit, first: int, count: int) -> ScoreTestSet:
     """Return the tests of a fit, with shifts of `count` values; its own begin at `first`."""
     free = found.plain.problem.free
     own = np.flatnonzero(free < len(found.plain.problem.model.names))
@@ -385,7 +378,7 @@ def tests_of_field(found: FieldFit, first: int, count: int) -> ScoreTestSet:
 
 def _joined_tests(one: ScoreTestSet, found: FieldFit, p: int, own: int, count: int) -> ScoreTestSet:
     """Return the score tests of both fits; those of one do not explain residuals of the other."""
-    other = tests_of_field(found, p, count)
+    other = _tests_of_field(found, p, count)
     rows = 1 + max((int(s.explained.indices.max(initial=0)) for s in one.scores), default=0)
     depth, more = (
         max((s.explained.projection.size for s in part.scores), default=0) for part in (one, other)
