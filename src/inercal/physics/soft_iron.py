@@ -46,7 +46,13 @@ def split_matrix(matrix: Array) -> SoftIron:
     """Split an invertible D, (3, 3)."""
     u, s, vh = np.linalg.svd(matrix)
     q = u @ vh
-    order = max(permutations(range(3)), key=lambda one: float(np.abs(q[range(3), one]).sum()))
-    axes = np.zeros((3, 3))
-    axes[range(3), order] = np.sign(q[range(3), order])
+    axes = nearest_axes(q)
     return SoftIron(matrix, (u * s) @ u.T, axes, log_so3(axes.T @ q))
+
+
+def nearest_axes(rows: Array) -> Array:
+    """Return the permutation of the axes with signs that is nearest to unit vectors, (3, 3)."""
+    order = max(permutations(range(3)), key=lambda one: float(np.abs(rows[range(3), one]).sum()))
+    axes = np.zeros((3, 3))
+    axes[range(3), order] = np.sign(rows[range(3), order])
+    return axes

@@ -5,17 +5,14 @@ The sign of the dip (the hemisphere) decides, or else the assumption that the ma
 right-handed relative to its stated axes. The other fact is then a test. A wrong sign of the
 accelerometers has the same effect as a reversed field.
 """
-# SciPy has no stubs.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
-# pyright: reportUnknownArgumentType=false
 
 import numpy as np
-import scipy.optimize
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.methods.magnetic_field.records import FieldConditions, LinearModel
 from inercal.methods.magnetic_field.rows import FieldState
+from inercal.physics.soft_iron import nearest_axes
 
 _SURE = 3.0  # standard deviations of the dip, below which its sign is unknown
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
@@ -44,7 +41,8 @@ def oriented(
     if not right:
         state = _mirrored(model, state)
     hemisphere = "northern" if state.dip > 0 else "southern"
-    axes = nearest_axes(model, state)
+    turn = _relative_axes(model, state)
+    axes = nearest_axes(turn / np.linalg.norm(turn, axis=1, keepdims=True))
     if _determinant(model, state) < 0:
         raise InputError(
             f"in the {hemisphere} hemisphere, these data need a magnetometer that is left-handed"
@@ -67,16 +65,6 @@ def oriented(
     if not seen:
         return state, (f"{assumed}, because the field is too nearly horizontal to show it.",)
     return state, (f"{assumed}; they place the recording in the {hemisphere} hemisphere.",)
-
-
-def nearest_axes(model: LinearModel, state: FieldState) -> Array:
-    """Return the signed permutation nearest to D A₀⁻¹, (3, 3)."""
-    turn = _relative_axes(model, state)
-    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-    rows, columns = scipy.optimize.linear_sum_assignment(-np.abs(turn))
-    result = np.zeros((3, 3))
-    result[rows, columns] = np.sign(turn[rows, columns])
-    return result
 
 
 def _principal(state: FieldState) -> FieldState:
