@@ -12,7 +12,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.methods.magnetic_field.records import FieldConditions, LinearModel
 from inercal.methods.magnetic_field.rows import FieldState
-from inercal.physics.soft_iron import nearest_axes
+from inercal.physics.soft_iron import axis_names, nearest_axes
 
 _SURE = 3.0  # standard deviations of the dip, below which its sign is unknown
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
@@ -101,7 +101,5 @@ def _axes_that_fit(model: LinearModel, axes: Array) -> str:
     rows = np.round(axes @ stated, 6)
     if not np.all(np.isin(rows, (-1.0, 0.0, 1.0))):
         return ""
-    names = [
-        f'"{"-" if row.sum() < 0 else ""}{"xyz"[int(np.argmax(np.abs(row)))]}"' for row in rows
-    ]
-    return f"; axis = [{', '.join(names)}] fits"
+    names = ", ".join(f'"{name}"' for name in axis_names(rows))
+    return f"; axis = [{names}] fits"

@@ -17,7 +17,6 @@ from scipy.special import chdtr
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
-from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_number, format_quantity
 from inercal.benches import Hand
 from inercal.calibration.verdict import UNSEEN
@@ -38,8 +37,8 @@ from inercal.methods.magnetic_field.records import (
     Links,
 )
 from inercal.methods.residuals import norm_residuals
+from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.coefficient_tables import ErrorTerm
 from inercal.recordings import Finding, Observations
 from inercal.recordings.magnetic import MagneticReadings
 
@@ -141,25 +140,18 @@ def field_remarks(estimate: Estimate, found: FieldFit, stated: str) -> Remarks:
 
 def linear_model(field: Sensor) -> LinearModel:
     """Return the model of three magnetometers, whose names are the sensor's coefficients."""
-    axes = {axis.name: (k, axis.frame) for k, axis in enumerate(field.axes)}
-    if len(axes) != len("xyz"):
+    if len(field.axes) != len("xyz"):
         raise InputError(
-            f"sensor {field.name} has {len(axes)} magnetometer axes; three are needed, because one "
-            "or two do not determine the direction of the field",
+            f"sensor {field.name} has {len(field.axes)} magnetometer axes; three are needed, "
+            "because one or two do not determine the direction of the field",
             key="[data] magnetometer",
         )
-    nominal, directions = np.zeros((3, 4)), np.zeros((len(field.coefficients), 3, 4))
-    nominal[:, :3] = field.input_axes("m")
-    terms: list[ErrorTerm] = [field.coefficient(name) for name in field.coefficients]
-    for j, (name, term) in enumerate(zip(field.coefficients, terms, strict=True)):
-        k, frame = axes[CoefficientName(name).axis]
-        (product,) = term.basis.products
-        directions[j, k, 3] = product.factor
-        for row, component in zip(frame, ("mi", "mp", "mo"), strict=True):
-            if component in product.components:
-                directions[j, k] = (*(product.factor * row), 0.0)
-    powers = np.array([term.temperature_order for term in terms], dtype=np.int64)
-    return LinearModel(field.coefficients, nominal, directions, powers)
+    names, nominal = field.coefficients, np.pad(field.input_axes("m"), ((0, 0), (0, 1)))
+    points = np.eye(4)[:, :3]  # three fields of 1 T, and none
+    directions = field.design(Motion(0 * points, m=points, dT=1.0), np.zeros(len(names))).T.copy()
+    directions[..., :3] -= directions[..., 3:]
+    powers = np.array([field.coefficient(n).temperature_order for n in names], dtype=np.int64)
+    return LinearModel(names, nominal, directions, powers)
 
 
 def _fit(fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None) -> FieldFit:

@@ -16,25 +16,17 @@ constraint); Liu, Liu and Li 2014 (constant dip).
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 
 from collections.abc import Iterator
-from itertools import permutations, product
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.methods.magnetic_field.rows import FieldProblem, FieldState
 from inercal.physics.frames import exp_so3
+from inercal.physics.soft_iron import TURNS_OF_CUBE
 
 _FEW = 12  # upward directions, with which several turns must be tried
 _FLAT = 1e-9  # volume of axes that lie in a plane, relative to their cubed size
 _MOST_STRIDE = 100  # nodes between which rotations are compared
-_TURNS_OF_CUBE = np.array(
-    [
-        mat
-        for order in permutations(range(3))
-        for signs in product((1.0, -1.0), repeat=3)
-        if np.linalg.det(mat := np.eye(3)[list(order)] * np.array(signs)[:, None]) > 0
-    ]
-)
 
 
 def starts(problem: FieldProblem) -> list[FieldState]:
@@ -58,10 +50,10 @@ def _inverses(problem: FieldProblem, m: Array) -> Iterator[tuple[Array, Array]]:
         shapes.append(found)
     for inverse, c in shapes:
         unit = m[node] @ inverse.T - c
-        heights = np.einsum("ki,tij,kj->tk", up, _TURNS_OF_CUBE, unit)
+        heights = np.einsum("ki,tij,kj->tk", up, TURNS_OF_CUBE, unit)
         best = np.argsort(np.var(heights, axis=1))
         for k in best[: 6 if len(node) <= _FEW else 1]:
-            yield _TURNS_OF_CUBE[k] @ inverse, _TURNS_OF_CUBE[k] @ c
+            yield TURNS_OF_CUBE[k] @ inverse, TURNS_OF_CUBE[k] @ c
     if len(node) > 12:
         yield _constant_dip(m, m[node], up)
     if np.sum(~problem.links.about_up) > 4:
