@@ -70,4 +70,4 @@ def nearest_axes(rows: Array) -> Array:
 
 def axis_names(rows: Array) -> list[str]:
     """Return the names of directions along the axes, (k, 3), such as "-x"."""
-    return [f"{'-' * (row.sum() < 0)}{'xyz'[int(np.abs(row).argmax())]}" for row in rows]
+    return ["-" * bool(row.sum() < 0) + "xyz"[int(np.abs(row).argmax())] for row in rows]

@@ -155,7 +155,7 @@ def _field_groups(outcome: Outcome) -> list[AxisGroup]:
     sd = np.sqrt(np.einsum("ij,jk,ik->i", by, calibration.covariance, by))
     axes = split_matrix(field_matrix(sensor, calibration.values)).axes
     along = ", ".join(
-        f"{sensor.axes[k].name} along {typeset_minus(name)}"
+        f"{sensor.axes[k].name} along {name.replace('-', '−')}"
         for k, name in zip(own, axis_names(axes), strict=True)
     )
     pairs = [(i, j) for i in range(3) for j in range(i + 1)]

@@ -7,7 +7,7 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_number
-from inercal.physics.magnetic_units import unit_hint
+from inercal.physics.magnetic_units import POSSIBLE_FIELD, unit_hint
 from inercal.physics.plan import HandStep, Hold
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Finding, Mark, Observations, Recording
@@ -23,8 +23,6 @@ from inercal.recordings.io.mean_tables import read_means
 from inercal.recordings.magnetic import MagneticReadings
 from inercal.recordings.segments.gravity_turns import sphere
 from inercal.recordings.segments.magnetic_means import average_magnetometers, average_pieces
-
-_POSSIBLE = (10e-6, 200e-6)  # T, radius of the readings
 
 
 def with_magnetometers(
@@ -116,7 +114,7 @@ def require_earth_field(run: RunBase[RestsSection], found: MagneticReadings) -> 
     if readout.unit in ("LSB", "V") or radius is None:
         return
     wide = np.sort(np.ptp(readings, axis=0))[1] > radius  # else the radius is not certain
-    if not wide or _POSSIBLE[0] <= radius <= _POSSIBLE[1]:
+    if not wide or POSSIBLE_FIELD[0] <= radius <= POSSIBLE_FIELD[1]:
         return
     read = radius * abs(readout.scale)
     hint = unit_hint(read) or (

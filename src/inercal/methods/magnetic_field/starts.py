@@ -164,14 +164,11 @@ def _attitudes(problem: FieldProblem, unit: Array, dip: float) -> Array:
         near = np.eye(3) if float(unit[k] @ field) > -0.9 else np.diag([-1.0, 1.0, -1.0])
         result[k], done[k] = _along_field(near, unit[k], field), True
     links = problem.links
-    steps = list(zip(links.before.tolist(), links.rotation, strict=True))
-    for k, rotation in steps:
-        if done[k] and not done[k + 1]:
-            result[k + 1] = _along_field(result[k] @ rotation, unit[k + 1], field)
-            done[k + 1] = True
-    for k, rotation in reversed(steps):
-        if done[k + 1] and not done[k]:
-            result[k], done[k] = _along_field(result[k + 1] @ rotation.T, unit[k], field), True
+    steps = [(k, k + 1, r) for k, r in zip(links.before.tolist(), links.rotation, strict=True)]
+    for one, two, rotation in (*steps, *((k, j, r.T) for j, k, r in reversed(steps))):
+        if done[one] and not done[two]:
+            result[two] = _along_field(result[one] @ rotation, unit[two], field)
+            done[two] = True
     return result
 
 
