@@ -1,6 +1,7 @@
 """The noise of magnetometers at rest is found; counts that are stated as µT are named."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -80,7 +81,7 @@ def test_those_of_a_run_file_are_analysed_if_no_value_is_repeated(every: int, tm
 
 
 @pytest.mark.parametrize("field", [{}, {"field": "50 µT"}])
-def test_counts_that_are_stated_as_microtesla_are_named(field: dict[str, str], tmp_path: Path):
+def test_counts_that_are_stated_as_microtesla_are_named(field: dict[str, Any], tmp_path: Path):
     """6500 counts are no field in any unit."""
     rng = np.random.default_rng(7)
     own = sim.device(rng, strength=6500e-6)

@@ -98,7 +98,7 @@ def _determinant(model: LinearModel, state: FieldState) -> float:
 def _axes_that_fit(model: LinearModel, axes: Array) -> str:
     """Return words for the axes that fit, if the stated axes are those of the body."""
     stated = model.nominal[:, :3] / np.linalg.norm(model.nominal[:, :3], axis=1, keepdims=True)
-    rows = np.round(axes @ stated, 6)
+    rows: Array = np.asarray(np.round(axes @ stated, 6), dtype=np.float64)
     if not np.all(np.isin(rows, (-1.0, 0.0, 1.0))):
         return ""
     names = ", ".join(f'"{name}"' for name in axis_names(rows))

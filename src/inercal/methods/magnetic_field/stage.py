@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import chdtr
+from scipy.special import chdtr  # pyright: ignore[reportMissingTypeStubs]
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
