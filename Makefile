@@ -24,7 +24,7 @@ NOT_QUICK := tests/benches/test_e*.py tests/benches/test_turntable*.py \
   tests/runfile/test_every_key_counts.py tests/segments/test_turntable*.py \
   tests/observe/test_norm*.py tests/design/test_path*.py tests/test_kernel_cache.py
 
-.PHONY: help demo quick test slow check bench evidence numbers architecture glossary verbs dependencies pictures notebooks docs \
+.PHONY: help demo quick test slow check bench evidence numbers architecture glossary verbs interface dependencies pictures notebooks docs \
   lock format clean
 help:
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -103,6 +103,9 @@ glossary: $(INSTALLED)  ## write the page of the terms
 verbs: $(INSTALLED)  ## write the page of the verbs
 	$(BIN)/python -m tools.verbs_page
 
+interface: $(INSTALLED)  ## write the page and the OpenAPI description of the live page's HTTP interface
+	$(BIN)/python -m tools.interface_page
+
 dependencies: $(INSTALLED)  ## write the page of the dependencies, with sizes and licences, and their bill of materials: after make lock
 	$(BIN)/python -m tools.dependencies_page
 	$(BIN)/python -m tools.bill_of_materials
@@ -113,7 +116,7 @@ notebooks: $(INSTALLED)  ## run the notebooks, and write their pages
 pictures: $(INSTALLED)  ## take the pictures of README and site, by the system's chromium
 	$(BIN)/python -m tools.pictures
 
-docs: $(INSTALLED) glossary verbs architecture  ## build the documentation site in site/, which needs no network
+docs: $(INSTALLED) glossary verbs interface architecture  ## build the documentation site in site/, which needs no network
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --builder html docs site
 	@echo "open site/index.html"
 

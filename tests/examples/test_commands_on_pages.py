@@ -32,7 +32,7 @@ WHOLE = {"sensor", "bench", "data", "method"}
 RUN = {
     "how-to/apply.md": 3,
     "how-to/bundle.md": 3,
-    "how-to/export.md": 5,
+    "how-to/export.md": 6,
     "how-to/fleet.md": 1,
     "how-to/measure.md": 1,
     "how-to/predict.md": 4,

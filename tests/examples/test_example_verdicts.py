@@ -14,8 +14,8 @@ from inercal.runfile import read
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # Examples that a host, an instrument or another file must precede: other tests run these.
 _OTHERS = {
-    "bench/plan", "check_standard/job", "fleet/run", "logs/poses", "measure/plate",
-    "own_bench/tilt", "rate_table/ship_bench", "live/imu",
+    "bench/plan", "check_standard/job", "fleet/run", "logs/poses", "measure/head",
+    "measure/plate", "own_bench/tilt", "rate_table/ship_bench", "live/imu",
 }  # fmt: skip
 # These take seconds, most for their simulation.
 _SLOW = {

@@ -96,6 +96,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {"fleet/run.toml"}  # by tests/fleet/test_fleet_commands.py
     run |= {"noise/data_sheet.toml"}  # by tests/noise/test_data_sheet.py
     run |= {"measure/plate.toml"}  # by tests/host/test_guided_example.py
+    run |= {"measure/head.toml"}  # by tests/host/test_visa_measurement.py
     run |= {"rate_table/ship.toml"}  # by tests/runs/test_rate_table_runs.py
     run |= {"rate_table/ship_bench.toml"}  # by tests/host/test_ship_run.py
     run |= {"rate_table/ship_recording.toml"}  # by tests/runs/test_rate_table_simulated.py

@@ -26,6 +26,9 @@ NOISE = {
 OPTIONS = {
     "kalibr": NOISE,
     "openvins": NOISE,
+    "basalt": NOISE,
+    "betaflight": {"acc_1g": 2048, "mag_lsb": "0.15 uT"},
+    "inav": {"acc_1g": 2048, "gyro_lsb": f"{1 / 16.4} deg/s", "mag_lsb": "0.15 uT"},
     "px4": {"acc_id": 1310988, "gyro_id": 1310989},
     "adis": {
         "order": "scale",

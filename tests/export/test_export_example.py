@@ -39,8 +39,22 @@ def test_the_guide_shows_the_example_and_what_it_prints_and_its_header_runs(tmp_
     assert f"`{printed.strip()}`" in PAGE
 
 
+def test_the_guide_shows_what_the_example_of_kalibr_prints(tmp_path: Path):
+    script = ROOT / "examples" / "export" / "from_kalibr.py"
+    done = subprocess.run(
+        [sys.executable, "-W", "error", script],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONIOENCODING": "utf-8"},
+        capture_output=True,
+        encoding="utf-8",
+        check=True,
+    )
+    assert f"```text\n{done.stdout}```" in PAGE
+    assert {path.name for path in tmp_path.iterdir()} == {"imu.basalt.json"}
+
+
 def test_the_guide_lists_the_targets():
-    assert re.findall(r"^\| `(\w+)` \|", PAGE, flags=re.MULTILINE) == list(TARGETS)
+    assert re.findall(r"^\| `(\w[\w-]*)` \|", PAGE, flags=re.MULTILINE) == list(TARGETS)
 
 
 @pytest.mark.parametrize(
@@ -51,5 +65,5 @@ def test_the_guide_lists_the_targets():
 def test_a_verb_without_target_or_format_lists_them(arguments: tuple[str, ...], names: list[str]):
     ended = run_program(*arguments)
     assert ended.status == 2
-    listed = re.split(r"[^\w]+", ended.error.partition(": ")[2])
+    listed = re.split(r"[^\w-]+", ended.error.partition(": ")[2])
     assert [word for word in listed if word in names] == names

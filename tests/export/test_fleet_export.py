@@ -54,6 +54,7 @@ def test_nothing_is_written_where_a_sensor_is_refused(line: Path, tmp_path: Path
         ["--to", "px4"],
         ["--to", "px4", "--column", "acc_id=serial"],
         ["--to", "nothing"],
+        ["--to", "ros2-node"],
         ["--to", "csv", "--sensor", "S000"],
         ["--set", "acc_id=1"],
         ["--axes", "x -y -z"],

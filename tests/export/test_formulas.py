@@ -101,6 +101,51 @@ def imu_calib(text: str, seen: Readings) -> Array:
     return np.hstack([f, seen.output[:, 3:]])
 
 
+def realsense(text: str, seen: Readings) -> Array:
+    """Multiply rows of readings by the matrix in the file, as the tool itself checks its result."""
+    imu = json.loads(text)["imus"][0]
+    parts = []
+    for k, name in enumerate(("accelerometer", "gyroscope")):
+        matrix = np.array(imu[name]["scale_and_alignment"]).reshape(3, 3)
+        parts.append(seen.output[:, 3 * k : 3 * k + 3] @ matrix - imu[name]["bias"])
+    return np.hstack(parts)
+
+
+def basalt(text: str, seen: Readings) -> Array:
+    """Apply raw + S raw − b with the numbers in the order of getBiasAndScale."""
+    one, turn = json.loads(text)["value0"], stated_turn(json.loads(text)["comment"])
+    a, g = one["calib_accel_bias"], one["calib_gyro_bias"]
+    assert (len(a), len(g)) == (9, 12)
+    scale = np.array([[a[3], 0, 0], [a[4], a[6], 0], [a[5], a[7], a[8]]])
+    scale_g = np.array([[g[3], g[6], g[9]], [g[4], g[7], g[10]], [g[5], g[8], g[11]]])
+    f, w = seen.output[:, :3], seen.output[:, 3:]
+    f, w = f + f @ scale.T - a[:3], w + w @ scale_g.T - g[:3]
+    return np.hstack([f @ turn, w @ turn])
+
+
+def settings(text: str) -> dict[str, list[int]]:
+    """Return the whole numbers that the commands for a CLI set."""
+    rows = re.findall(r"^set (\w+) = (-?\d+(?:,-?\d+)*)$", text, flags=re.MULTILINE)
+    return {name: [int(x) for x in value.split(",")] for name, value in rows}
+
+
+def betaflight(text: str, seen: Readings) -> Array:
+    *zero, calibrated = settings(text)["acc_calibration"]
+    assert calibrated == 1
+    raw = seen.output[:, :3] / 9.80665 * 2048
+    return np.hstack([(raw - zero) / 2048 * 9.80665, seen.output[:, 3:]])
+
+
+def inav(text: str, seen: Readings) -> Array:
+    one = settings(text)
+    assert "set init_gyro_cal = OFF\nset ins_gravity_cmss = 980.665\n" in text
+    zero, gain, still = ([one[f"{name}_{a}"][0] for a in "xyz"]
+                         for name in ("acczero", "accgain", "gyro_zero"))  # fmt: skip
+    raw, rate = seen.output[:, :3] / 9.80665 * 2048, np.degrees(seen.output[:, 3:]) * 16.4
+    f = (raw - zero) * gain / 4096 / 2048 * 9.80665
+    return np.hstack([f, np.radians((rate - still) / 16.4)])
+
+
 def imu_tk(text: str, seen: Readings) -> Array:
     x = np.array([float(word) for word in text.split()[:21]])
     matrix, scale, bias = x[:9].reshape(3, 3), x[9:18].reshape(3, 3), x[18:]
@@ -186,7 +231,7 @@ def kalibr_matrices(text: str) -> dict[str, Any]:
 
 
 def stated_turn(text: str) -> Array:
-    plain = " ".join(re.sub(r"(?m)^# +", "", text).split())
+    plain = " ".join(re.sub(r"(?m)^#? +", "", text).split())
     rows = re.search(r"with Q = \[(.*?)\]", plain)
     assert rows is not None
     return np.array([[float(x) for x in row.split(",")] for row in rows[1].split(";")])
@@ -219,6 +264,10 @@ LINEAR_TARGETS: dict[str, Applied] = {
     "ardupilot": ardupilot,
     "vectornav": vectornav,
     "imu_calib": imu_calib,
+    "realsense": realsense,
+    "basalt": basalt,
+    "betaflight": betaflight,
+    "inav": inav,
     "imu_tk": imu_tk,
     "imucal": imucal,
     "adis": adis,
@@ -265,6 +314,10 @@ HELD = {
     ("ardupilot", "w"): ("bias", *TEMPERATURE),
     ("vectornav", "w"): ("bias", "scale", "misalignment"),
     ("imu_calib", "f"): ("bias", "scale", "misalignment"),
+    ("realsense", "f"): ("bias", "scale", "misalignment"),
+    ("realsense", "w"): ("bias", "scale", "misalignment"),
+    ("basalt", "f"): ("bias", "scale", "misalignment"),
+    ("basalt", "w"): ("bias", "scale", "misalignment"),
     ("imu_tk", "f"): ("bias", "scale", "misalignment"),
     ("imucal", "w"): LINEAR,
     ("csv", "w"): LINEAR,

@@ -25,10 +25,13 @@ BOMB += "imu0:\n  accelerometers: {M: *i}\n  gyroscopes: {M: *i, A: *i, C_gyro_i
 STATED = {
     "imucal": ("bias", "scale", "misalignment", "g"),
     "kalibr": ("scale", "misalignment", "g"),
+    "basalt": ("bias", "scale", "misalignment"),
+    "realsense": ("bias", "scale", "misalignment"),
     "px4": ("k0", "k1", "bias", "k0_dT", "k0_dT2", "bias_dT"),
     "ardupilot": ("k0", "k1", "bias", "k0_dT", "k0_dT2", "bias_dT"),
     "imu_tk": ("k0", "k1", "delta_o", "delta_p"),
 }
+TRIANGULAR = ("kalibr", "basalt")
 
 
 def round_trip(folder: Path, calibration: Calibration, to: str) -> Calibration:
@@ -45,7 +48,7 @@ def test_what_an_export_holds_is_read_back(to: str, tmp_path: Path):
     names = STATED[to]
     calibration = make_calibration(*names, *(LINEAR if to == "imu_tk" else ()))
     found = round_trip(tmp_path, calibration, to)
-    wanted = calibration.in_frame("triangular") if to == "kalibr" else calibration
+    wanted = calibration.in_frame("triangular") if to in TRIANGULAR else calibration
     both = set(found.sensor.coefficients) & set(wanted.sensor.coefficients)
     measured = {n for n in calibration.sensor.coefficients if to != "imu_tk" or n.startswith("a")}
     assert both == measured
@@ -185,6 +188,27 @@ def test_each_form_of_a_ground_station_is_read(
         ("kalibr", "a: [1\n"),
         ("kalibr", "[" * 20_000),
         ("imucal", "[" * 200_000),
+        ("kalibr", "IMU0:\n ---\n  Model: calibrated\n  Accelerometer:\n    Noise density: 0.1\n"),
+        ("realsense", "{}"),
+        ("realsense", '{"imus": []}'),
+        ("realsense", '{"imus": [{"accelerometer": {"scale_and_alignment": [1, 2], "bias": 0}}]}'),
+        (
+            "realsense",
+            json.dumps(
+                {"imus": [{"accelerometer": {"scale_and_alignment": [0.0] * 9, "bias": [0.0] * 3}}]}
+            ),
+        ),
+        ("realsense", "[" * 200_000),
+        ("basalt", "[1, 2]"),
+        ("basalt", '{"value0": {"calib_accel_bias": [0, 0, 0]}}'),
+        ("basalt", '{"value0": {"calib_accel_bias": [0, 0, 0, -1, 0, 0, 0, 0, 0]}}'),
+        ("basalt", '{"value0": {"calib_accel_bias": [0, 0, 0, NaN, 0, 0, 0, 0, 0]}}'),
+        ("betaflight", "a page about zeros\n"),
+        ("betaflight", "set acc_calibration = 0,0,0,0\nset mag_calibration = 0,0,0\n"),
+        ("betaflight", "set acc_calibration = 1,x,3,1\n"),
+        ("inav", "set acc_lpf_hz = 15\n"),
+        ("inav", "set accgain_x = 0\n"),
+        ("inav", "set acczero_x = none\n"),
         ("kalibr", BOMB),
         ("px4", "1 1 CAL_ACC0_XOFF none 9\n"),
         ("px4", "a page about parameters\n"),

@@ -47,6 +47,9 @@ class Oven:
 
 
 class Thermometer(Oven):
+    def identity(self) -> str:
+        return "PT 100"
+
     def read(self) -> Reading:
         return Reading(self._temperature - 273.0, "°C")
 

@@ -13,7 +13,9 @@ from tests.refusals import refused
 
 from inercal.basics import errors
 from inercal.basics.errors import InputError
-from inercal.host.guided.instruments import LineInstrument, numbers_in_reply, read_instruments
+from inercal.host.drivers.rotary_table import ProtocolError
+from inercal.host.drivers.scpi_reply import numbers_in_reply
+from inercal.host.guided.instruments import LineInstrument, read_instruments
 from inercal.host.link import LinkLost
 from inercal.pipeline import calibrate
 
@@ -160,8 +162,14 @@ def test_a_device_that_is_silent_ends_piped_lines_and_is_asked_again_by_somebody
     assert "1 of 6" in told.output
 
 
-@pytest.mark.parametrize("reply", ["", "OVLD", "9.9E37", "nan", "1.0 oops! 2.0", "1,inf"])
+@pytest.mark.parametrize("reply", ["", "OVLD", "nan", "1.0 oops! 2.0", "1,inf"])
 def test_what_is_no_reading_is_refused(reply: str):
+    with refused(ProtocolError, names=("tcp://10.0.0.5:5025",)):
+        numbers_in_reply(reply, "tcp://10.0.0.5:5025")
+
+
+@pytest.mark.parametrize("reply", ["9.9E37", "+9.90000000E+37", "-9.9E37", "9.91E37", "1.0,9.9E37"])
+def test_an_overload_is_refused(reply: str):
     with refused(InputError, names=("tcp://10.0.0.5:5025",)):
         numbers_in_reply(reply, "tcp://10.0.0.5:5025")
 
@@ -169,7 +177,7 @@ def test_what_is_no_reading_is_refused(reply: str):
 def test_another_number_of_values_than_columns_is_refused():
     device = LineInstrument("tcp://x:1", "", 1.0, lambda _: Pieces(b"1.0,2.0\n"))
     with refused(InputError, names=("tcp://x:1",)):
-        read_instruments([device], ("ax", "ay", "az"))
+        read_instruments([device], ("ax", "ay", "az"), {})
 
 
 def test_a_line_without_an_end_is_refused():

@@ -9,7 +9,7 @@ import os
 import re
 import shutil
 import stat
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from importlib import import_module
@@ -106,6 +106,39 @@ def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
         for part, target, name in zip(parts, targets, named, strict=True):
             if part.exists():
                 _replace(part, target, name)
+
+
+def write_folder(folder: Path, texts: Mapping[str, str]) -> None:
+    """Write UTF-8 text files below a folder: a new folder appears with all files or not at all.
+
+    In an existing folder, the files are replaced one by one after all of them have been written.
+
+    Parameters
+    ----------
+    folder : Path
+    texts : mapping of str to str
+        Contents of the files by their path within the folder.
+
+    Raises
+    ------
+    InputError
+        A file or folder cannot be written.
+    """
+    targets = [writable_target(folder / name) for name in texts]
+    with _parent_folder(folder), _part_folder(folder) as part:
+        tree = part / "tree"  # the name of the folder may be ".."
+        try:
+            for name, text in texts.items():
+                (tree / name).parent.mkdir(parents=True, exist_ok=True)
+                (tree / name).write_text(text, encoding="utf-8")
+            if not folder.exists():
+                os.replace(tree, folder)
+                return
+            for name, target in zip(texts, targets, strict=True):
+                target.parent.mkdir(parents=True, exist_ok=True)
+                _replace(tree / name, target, folder / name)
+        except OSError as error:
+            raise _write_error(folder, error) from error
 
 
 @contextmanager

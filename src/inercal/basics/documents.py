@@ -22,6 +22,7 @@ from pydantic import (
     Field,
     ValidationError,
     ValidatorFunctionWrapHandler,
+    WithJsonSchema,
     WrapValidator,
 )
 
@@ -44,7 +45,9 @@ def _nan_of_null(value: object, number: ValidatorFunctionWrapHandler) -> float:
 Positive = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]
-Measured = Annotated[float, WrapValidator(_nan_of_null)]
+Measured = Annotated[
+    float, WrapValidator(_nan_of_null), WithJsonSchema({"type": ["number", "null"]})
+]
 """A number in a result; null if it is not finite."""
 
 

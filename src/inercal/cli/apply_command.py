@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from inercal.basics.errors import InercalError, InputError
-from inercal.cli.console import print_json, progress_status, report_line
+from inercal.cli.console import print_json, print_lines, progress_status, report_line
 from inercal.cli.options import Force, Json
 from inercal.cli.outputs import RECORDING, check_outputs
 
@@ -95,6 +95,8 @@ def run(
         print(f"wrote {out}: {corrected.time.size} samples in {units}")
         for text in assumed_zero_texts(calibration):
             print(text)
+        if not calibration.states_uncertainty:
+            print_lines(calibration.notes, "· ")
 
 
 def unreliable_text(calibration: "Calibration") -> list[str]:

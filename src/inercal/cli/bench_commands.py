@@ -304,6 +304,14 @@ def serve(
             help="Token that a browser must present; by default one is created if needed.",
         ),
     ] = None,
+    read_token: Annotated[
+        str | None,
+        typer.Option(
+            envvar="INERCAL_READ_TOKEN",
+            help="Token for scripts that only read; by default one is created if a token is "
+            "needed.",
+        ),
+    ] = None,
 ) -> None:
     """Serve the live page: set up, watch, pause, stop and resume runs in a browser.
 
@@ -317,7 +325,11 @@ def serve(
     with require_extra("host", f"the live page needs {', '.join(packages)}", packages):
         from inercal.host.web.server import ServerOptions
         from inercal.host.web.server import serve as served
-    served(ServerOptions(plans, runs, register, table, imu, clock, runs_options, host, port, token))
+    served(
+        ServerOptions(
+            plans, runs, register, table, imu, clock, runs_options, host, port, token, read_token
+        )
+    )
 
 
 app.command()(devices)

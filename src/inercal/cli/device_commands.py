@@ -75,18 +75,23 @@ def check_driver(
     address: Annotated[
         str,
         typer.Argument(
-            help="Address of a simulated table on this machine, by the driver's scheme."
+            help="Address of a simulated table on this machine, or of an instrument, by the "
+            "driver's scheme."
         ),
     ],
     run_file: _BenchRun = None,
     pace: Annotated[
         float, typer.Option(help="Simulated seconds per second, as the simulator was started.")
     ] = 1.0,
+    overload: Annotated[
+        str, typer.Option(help="Address at which an instrument reports an overload.")
+    ] = "",
     json: Json = False,
 ) -> None:
-    """Check the driver of a table against its simulator: motions, timing, lost and bad replies.
+    """Check the driver of a table against its simulator, or that of an instrument.
 
-    The check moves the table and breaks its link. The exit status is 1 if a check fails.
+    The check of a table moves it and breaks its link. The check of an instrument only takes
+    readings, and needs neither --run nor --pace. The exit status is 1 if a check fails.
     """
     from time import monotonic
 
@@ -94,8 +99,9 @@ def check_driver(
 
     positive_number("--pace", str(pace))
     with console.progress_status("checking the driver") as update:
+        bench, now = _bench_of(run_file), lambda: pace * monotonic()
         results = driver_check.check_driver(
-            address, _bench_of(run_file), now=lambda: pace * monotonic(), begin=update
+            address, bench, now=now, begin=update, overloaded=overload
         )
     if json:
         console.print_json([result._asdict() for result in results])

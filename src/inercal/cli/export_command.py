@@ -5,12 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity, si_factor
 from inercal.cli.console import print_json, report_line
 from inercal.cli.options import Force, Json, assignments
-from inercal.cli.outputs import OutputKind, check_outputs, source_files
+from inercal.cli.outputs import OutputKind, check_output_folder, check_outputs, source_files
 from inercal.physics.quantities import QUANTITIES
 
 if TYPE_CHECKING:
@@ -61,12 +60,15 @@ def run(
     calibration_file: Path = typer.Argument(help="A *.calibration.json file."),
     to: str = typer.Option(
         ...,
-        help="Target: kalibr, openvins, imu_calib, px4, ardupilot, vectornav, adis, imu_tk, "
-        "imucal, c, c_fixed, cpp, matlab, python, csv, magcal, ros_magnetometer, fusion, or a "
-        "target from another package.",
+        help="Target: kalibr, openvins, basalt, realsense, imu_calib, px4, ardupilot, inav, "
+        "betaflight, vectornav, adis, imu_tk, imucal, c, c_fixed, cpp, matlab, python, ros2-node, "
+        "csv, magcal, ros_magnetometer, fusion, or a target from another package.",
     ),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="The file to write (default: RUN.TARGET.SUFFIX or NAME_correct)."
+        None,
+        "--out",
+        "-o",
+        help="The file or folder to write (default: RUN.TARGET.SUFFIX or NAME_correct).",
     ),
     stated: list[str] = SET,
     axes: str = AXES,
@@ -90,7 +92,8 @@ def run(
     calibration = load(calibration_file)
     path = out or default_path(calibration_file, target, calibration.sensor.name, name or "")
     inputs = source_files(path, calibration_file, calibration.provenance)
-    check_outputs({path: OutputKind("export")}, inputs, force=force)
+    if not target.is_folder:
+        check_outputs({path: OutputKind("export")}, inputs, force=force)
     made = export_calibration(
         calibration,
         to,
@@ -105,7 +108,9 @@ def run(
         source=str(calibration_file),
         name=name or "",
     )
-    write_text(path, made.text)
+    if target.is_folder:
+        check_output_folder(path, (made.place, *made.beside), inputs, force=force)
+    made.write(path)
     if (verdict := calibration.verdict) is not None and verdict.grade == "unreliable":
         report_line(f"warning: {calibration_file} is {verdict.word}")
     if json:

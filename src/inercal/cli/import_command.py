@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from inercal.cli.console import print_json
+from inercal.cli.console import print_json, print_lines
 from inercal.cli.export_command import OPTION_FORM
 from inercal.cli.options import Force, Json, assignments
 from inercal.cli.outputs import CALIBRATION, check_outputs
@@ -15,8 +15,8 @@ def run(
     of: str = typer.Option(
         ...,
         "--from",
-        help="Format: imu_tk, imucal, kalibr, px4, ardupilot, magcal, ros_magnetometer, or a "
-        "format from another package.",
+        help="Format: imu_tk, imucal, kalibr, basalt, realsense, px4, ardupilot, inav, betaflight, "
+        "magcal, ros_magnetometer, or a format from another package.",
     ),
     out: Path | None = typer.Option(None, "--out", "-o", help="The calibration file to write."),
     like: Path | None = typer.Option(
@@ -53,4 +53,5 @@ def run(
     from inercal.cli.calibration_view import print_calibration_table
 
     print_calibration_table(calibration)
+    print_lines(calibration.notes, "· ")
     print(f"wrote {path}")

@@ -2,7 +2,7 @@
 
 import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -44,8 +44,8 @@ def run(
         [],
         "--instrument",
         "-i",
-        help="Address of an instrument that reads the sensor: tcp://HOST:PORT, or "
-        "serial:PATH?baud=9600. Give several in the order of the columns.",
+        help="Address of an instrument that reads the sensor: tcp://HOST:PORT, "
+        "serial:PATH?baud=9600 or visa:GPIB0::22::INSTR. Give several in the order of the columns.",
     ),
     query: str = typer.Option(
         "READ?",
@@ -72,7 +72,7 @@ def run(
     planned, path = _run_and_table(plan, run_file, out)
     # The modules of the work load after the run file was checked.
     from inercal.host.guided.dialogue import GuidedMeasurement
-    from inercal.host.guided.instruments import LineInstrument
+    from inercal.host.guided.instruments import open_sensor_instrument
     from inercal.host.guided.measurement_table import MeasurementTable, measurement_files
     from inercal.host.guided.reading_check import ReadingCheck
 
@@ -96,13 +96,15 @@ def run(
         check = ReadingCheck(planned, tolerance / 100)
         table = MeasurementTable(planned, path, readings, anew=force)
         devices = [
-            opened.enter_context(LineInstrument(address, query, timeout)) for address in instrument
+            opened.enter_context(open_sensor_instrument(address, query, timeout))
+            for address in instrument
         ]
+        notes = [f"{one.address}: {name}" for one in devices if (name := one.identity())]
         if force:
             for file in files:
                 keep_previous(file)
-        table.begin()
-        _introduce(table, say)
+        table.begin([f"instrument {note}" for note in notes])
+        _introduce(table, notes, say)
         units = {name: axis.readout.unit for name, axis in check.axes.items()}
         dialogue = GuidedMeasurement(
             table, check, devices, readings, table.sheet.entry_units | units,
@@ -189,9 +191,11 @@ def _run_file_of(table: Path) -> Path:
     return found[0]
 
 
-def _introduce(table: "MeasurementTable", say: Callable[[str], None]) -> None:
+def _introduce(
+    table: "MeasurementTable", instruments: Sequence[str], say: Callable[[str], None]
+) -> None:
     say(table.sheet.title)
-    for note in table.sheet.notes:
+    for note in (*table.sheet.notes, *instruments):
         say(f"· {note}")
     if sys.stdin.isatty():
         say("· Type the readings for a row, or a command: undo, repeat, keep, quit or help.")

@@ -60,7 +60,7 @@ def run(
     ),
     to: list[str] = typer.Option(
         [],
-        metavar="kalibr|ros|filter",
+        metavar="kalibr|vins_fusion|fast_lio|ros|filter",
         help="Write the noise for another program, or as the Q of a filter.",
     ),
     horizon: float = typer.Option(

@@ -2,7 +2,7 @@
 
 import csv
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
@@ -87,6 +87,35 @@ def check_outputs(
             raise
         if (other := targets.setdefault(target, path)) != path:
             raise InputError(f"{path} and {other} are the same file: name another", file=path)
+
+
+def check_output_folder(
+    folder: Path, files: Sequence[str], inputs: Iterable[Path] = (), *, force: bool = False
+) -> None:
+    """Raise an error if writing files below a folder would destroy something or is impossible.
+
+    Parameters
+    ----------
+    folder : Path
+    files : sequence of str
+        Paths within the folder; only a folder that already has the first file may have others.
+    inputs, force
+        See `check_outputs`.
+
+    Raises
+    ------
+    InputError
+        A file must not or cannot be written, or the folder contains something else.
+    """
+    kind = OutputKind("export")
+    check_outputs({folder / name: kind for name in files}, inputs, force=force)
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / files[0]).is_file():
+        raise InputError(
+            f"--out {folder}: the folder is not empty and is not an earlier export of this "
+            "calibration; name a new folder",
+            file=folder,
+            key="--out",
+        )
 
 
 def require_suffix(path: Path, suffix: str, more: str = "", key: str = "--out") -> None:

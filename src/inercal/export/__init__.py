@@ -8,12 +8,13 @@ lists the targets. A target is a module with `TARGET = Target(...)`
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from inercal.basics.atomic_files import write_folder, write_text
 from inercal.basics.errors import InputError
 from inercal.basics.registry import Registry
 from inercal.basics.units import format_quantity
@@ -33,9 +34,13 @@ TARGETS: Registry[Target] = Registry(
         for name, place in {
             "kalibr": "kalibr:KALIBR",
             "openvins": "kalibr:OPENVINS",
+            "basalt": "basalt:TARGET",
+            "realsense": "realsense:TARGET",
             "imu_calib": "imu_calib:TARGET",
             "px4": "px4:TARGET",
             "ardupilot": "ardupilot:TARGET",
+            "inav": "whole_counts:INAV",
+            "betaflight": "whole_counts:BETAFLIGHT",
             "vectornav": "vectornav:TARGET",
             "adis": "adis:TARGET",
             "imu_tk": "imu_tk:TARGET",
@@ -45,6 +50,7 @@ TARGETS: Registry[Target] = Registry(
             "cpp": "c_headers:CPP",
             "matlab": "scripts:MATLAB",
             "python": "scripts:PYTHON",
+            "ros2-node": "ros2:TARGET",
             "csv": "table:TARGET",
             "magcal": "magnetometers:MAGCAL",
             "ros_magnetometer": "magnetometers:ROS",
@@ -73,6 +79,10 @@ class Export:
         Which components the sensor does not measure, and what to feed; "" if there are none.
     left_out : str
         Which axes the target has no place for, so that the file leaves them out; "" if none.
+    place : str
+        Path of this file within the folder, if the target writes a folder; otherwise "".
+    beside : mapping of str to str
+        The contents of the other files of this folder, by path.
     """
 
     target: Target
@@ -82,6 +92,21 @@ class Export:
     header: tuple[str, ...]
     unmeasured: str
     left_out: str = ""
+    place: str = ""
+    beside: Mapping[str, str] = field(default_factory=dict[str, str])
+
+    def write(self, path: Path) -> None:
+        """Write the file, or the folder if the target writes one, completely or not at all.
+
+        Raises
+        ------
+        InputError
+            The file or folder cannot be written.
+        """
+        if self.target.is_folder:
+            write_folder(path, {self.place: self.text, **self.beside})
+        else:
+            write_text(path, self.text)
 
 
 def export_calibration(
@@ -183,7 +208,9 @@ def export_calibration(
         whole=whole if left_out else None,
     )
     text, unmeasured = rendering.write(header), feed_text(model, rendering)
-    return Export(target, text, cost, lost, header, unmeasured, left_out)
+    return Export(
+        target, text, cost, lost, header, unmeasured, left_out, rendering.place, rendering.beside
+    )
 
 
 def _for_target(calibration: Calibration, target: Target) -> tuple[Calibration, str]:

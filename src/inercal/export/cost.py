@@ -237,17 +237,28 @@ def _unmeasured(sensor: Sensor, basis: Basis) -> str:
 
 def _expanded(model: ExportModel, samples: Samples) -> Array:
     """Return U (k = 2) of the result of `correct` in the target's axes, (n, k)."""
+    by = propagation(model, samples.motion)
+    rows = by.reshape(-1, by.shape[-1])  # one large product is faster than one for each sample
+    variance = ((rows @ model.calibration.covariance) * rows).sum(axis=-1).reshape(by.shape[:-1])
+    return COVERAGE * np.sqrt(np.maximum(variance, 0.0))
+
+
+def propagation(model: ExportModel, motion: Motion) -> Array:
+    """Return −∂x/∂c of the corrected motion x in the target's axes, (n, k, p), SI.
+
+    Parameters
+    ----------
+    model : ExportModel
+    motion : Motion
+        The true motions, with n temperature differences.
+    """
     calibration: Calibration = model.calibration
     kinds = [kind for kind, _ in model.triads]
     sensor = calibration.sensor
     columns = [k for k in range(sensor.width) if KINDS[k // 3] in kinds]
-    lines = sensor.linearise(samples.motion, calibration.values)
-    n = samples.dT.size
+    lines = sensor.linearise(motion, calibration.values)
+    n = np.size(motion.dT)
     slope = np.broadcast_to(lines.slope, (n, *lines.slope.shape[-2:]))[..., columns]
     design = np.broadcast_to(lines.design, (n, *lines.design.shape[-2:]))
     by = np.linalg.solve(slope, design)
-    turn = np.kron(np.eye(len(kinds)), model.turn)
-    by = turn @ by
-    rows = by.reshape(-1, by.shape[-1])  # one large product is faster than one for each sample
-    variance = ((rows @ calibration.covariance) * rows).sum(axis=-1).reshape(by.shape[:-1])
-    return COVERAGE * np.sqrt(np.maximum(variance, 0.0))
+    return np.kron(np.eye(len(kinds)), model.turn) @ by

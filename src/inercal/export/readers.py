@@ -38,9 +38,11 @@ READERS: Registry[CalibrationReader] = Registry(
     "format",
     {
         name: f"inercal.export.targets.{name}:READER"
-        for name in ("imu_tk", "imucal", "kalibr", "px4", "ardupilot")
+        for name in ("imu_tk", "imucal", "kalibr", "basalt", "realsense", "px4", "ardupilot")
     }
     | {
+        "inav": "inercal.export.targets.whole_counts:INAV_READER",
+        "betaflight": "inercal.export.targets.whole_counts:BETAFLIGHT_READER",
         "magcal": "inercal.export.targets.magnetometers:MAGCAL_READER",
         "ros_magnetometer": "inercal.export.targets.magnetometers:ROS_READER",
     },

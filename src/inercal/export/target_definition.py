@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from inercal.basics.arrays import Array
@@ -162,6 +162,10 @@ class Rendering:
         The terms in this file, if its options omit some terms that the target can represent.
     rotation : (3,) array or None
         Rotation of the magnetometers' matrix that this file omits, as a rotation vector, rad.
+    place : str
+        Path of the file within the folder, if the target writes a folder; otherwise "".
+    beside : mapping of str to str
+        The contents of the other files of this folder, by path.
     """
 
     correct: Callable[[Array, Array], Array]
@@ -175,6 +179,8 @@ class Rendering:
     possible: Callable[[Array], Array] | None = None
     holds: Mapping[str, frozenset[TermKind]] | None = None
     rotation: Array | None = None
+    place: str = ""
+    beside: Mapping[str, str] = field(default_factory=dict[str, str])
 
 
 @dataclass(frozen=True)
@@ -185,7 +191,7 @@ class Target:
     ----------
     name, meaning : str
     suffix : str
-        Suffix of the file, such as ".params".
+        Suffix of the file, such as ".params"; empty for a folder.
     holds : mapping of "f", "w" or "m" to set of TermKind
         The terms of accelerometers, gyros and magnetometers that the target can apply; a missing
         kind of sensor is not supported.
@@ -196,6 +202,8 @@ class Target:
         The highest power of temperature that the target can apply to a bias.
     named_by_function : bool
         Whether the language finds the function by its file name, NAME_correct.
+    is_folder : bool
+        Whether the target writes a folder of files.
     """
 
     name: str
@@ -206,6 +214,7 @@ class Target:
     options: tuple[TargetOption, ...] = ()
     temperature_order: int = 0
     named_by_function: bool = False
+    is_folder: bool = False
 
     @property
     def file_suffix(self) -> str:

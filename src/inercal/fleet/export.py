@@ -161,6 +161,12 @@ def export_files(
     from inercal.export import TARGETS, export_calibration
 
     target = TARGETS.find(to)
+    if target.is_folder:
+        raise InputError(
+            f"target {to} writes a folder, but an export of a fleet has one file per sensor; save "
+            "the calibration of one sensor with --sensor, and export it with inercal export",
+            key="--to",
+        )
     texts: dict[Path, str] = {}
     without: dict[str, str] = {}
     unreliable: list[str] = []

@@ -22,7 +22,11 @@ class Reading(NamedTuple):
 
 
 class Instrument(Protocol):
-    """An instrument that measures one quantity."""
+    """An instrument that measures one quantity; a reading after a lost connection reconnects."""
+
+    def identity(self) -> str:
+        """Return one line that names the instrument; empty if it does not say what it is."""
+        ...
 
     def read(self) -> Reading:
         """Return a reading that was taken after this call; an overload is an `InputError`."""
@@ -84,7 +88,10 @@ CHAMBERS: Registry[Callable[[str, float], Chamber]] = Registry(
     "inercal.chambers", "chamber", {}, Callable
 )
 INSTRUMENTS: Registry[Callable[[str, float], Instrument]] = Registry(
-    "inercal.instruments", "instrument", {}, Callable
+    "inercal.instruments",
+    "instrument",
+    {"visa": "inercal.host.drivers.visa:VisaInstrument"},
+    Callable,
 )
 
 

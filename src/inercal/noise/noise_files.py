@@ -1,10 +1,22 @@
-"""Write sensor noise to files: run-file sections, Kalibr's imu.yaml and ROS covariances.
+"""Write sensor noise to files: run-file sections, ROS covariances, and blocks for estimators.
 
 All axes of a triad share one value, which is the root mean square over the axes. Kalibr needs
 values in continuous time: N in rad/s/√Hz and m/s²/√Hz, and K in rad/s²/√Hz and m/s³/√Hz.
+
+VINS-Fusion and FAST-LIO need values for each sample, so they depend on the sampling interval Δ. In
+one step the variances of a velocity v and of a bias b must grow by N² Δ and K² Δ::
+
+    VINS-Fusion   v: 2 (Δ/2)² acc_n²   b: Δ² acc_w²      acc_n = N √(2/Δ), acc_w = K/√Δ
+    FAST-LIO      v: Δ² acc_cov        b: Δ² b_acc_cov   acc_cov = N²/Δ, b_acc_cov = K²/Δ
+
+and likewise for gyros. VINS-Fusion adds the noise of the two samples of a step as if they were
+independent of those of the next step, so that acc_n is √2 times the standard deviation of a sample.
+Sources: integration_base.h of HKUST-Aerial-Robotics/VINS-Fusion (GPL-3, noise and V), and
+IMU_Processing.hpp and esekfom.hpp of hku-mars/FAST_LIO (GPL-2, Q and predict), described in words.
 """
 
 from collections.abc import Callable, Collection
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,6 +31,7 @@ from inercal.physics.quantities import SensorKind
 HORIZON = 100.0  # s, time over which a filter without B should be correct
 _KEYS = {"N": "white", "B": "bias_instability", "K": "random_walk"}
 NOISE_KEYS = tuple(_KEYS.values())
+_SHORT = {"accelerometer": "acc", "gyro": "gyr"}  # in the keys of VINS-Fusion and FAST-LIO
 _MARK = "# inercal noise"
 
 
@@ -113,8 +126,9 @@ def _require_walk(noise: TriadNoise, horizon: float, *, is_data_sheet: bool) -> 
     walk, why = walk_for_filter(noise, horizon, is_data_sheet=is_data_sheet)
     if not walk:
         raise InputError(
-            f"[datasheet.{noise.quantity}] states neither random_walk nor bias_instability, "
-            "but Kalibr needs one of them; add it, or record the sensor at rest",
+            f"[datasheet.{noise.quantity}] states neither random_walk nor bias_instability, but "
+            "Kalibr, VINS-Fusion and FAST-LIO need one of them; add it, or record the sensor at "
+            "rest",
             key=f"[datasheet.{noise.quantity}] random_walk",
         )
     return walk, why
@@ -125,12 +139,12 @@ def _white(noise: TriadNoise, *, is_data_sheet: bool) -> float:
         return noise.values["N"][0]
     if is_data_sheet:
         raise InputError(
-            f"[datasheet.{noise.quantity}] states no white noise, but Kalibr and ROS need it; "
+            f"[datasheet.{noise.quantity}] states no white noise, but other programs need it; "
             "add white or rms",
             key=f"[datasheet.{noise.quantity}] white",
         )
     raise InputError(
-        f"no white noise N was found for the {noise.quantity}s, but Kalibr and ROS need it; "
+        f"no white noise N was found for the {noise.quantity}s, but other programs need it; "
         "fit it, for example with --terms NBK",
         key="--terms",
     )
@@ -138,6 +152,43 @@ def _white(noise: TriadNoise, *, is_data_sheet: bool) -> float:
 
 def _absence(noise: SensorNoise) -> str:
     return "not stated" if noise.is_data_sheet else "not measured"
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Noise of one kind of sensor for an estimator: N, K and the origin of K, and the rate, Hz."""
+
+    quantity: SensorKind
+    white: float
+    walk: float
+    why: str
+    rate: float
+
+
+def _blocks(noise: SensorNoise, horizon: float, program: str) -> tuple[list[_Block], list[str]]:
+    """Return the noise of the kinds of sensors that are known, and lines about the others.
+
+    Raises
+    ------
+    InputError
+        There are no axes, an axis has no white noise or no random walk, or there is no sampling
+        rate.
+    """
+    blocks: list[_Block] = []
+    missing: list[str] = []
+    kinds: tuple[SensorKind, ...] = ("accelerometer", "gyro")
+    for quantity in kinds:
+        triad = noise.triads.get(quantity)
+        if triad is None:
+            missing.append(f"# {'gyroscope' * (quantity == 'gyro') or quantity}: {_absence(noise)}")
+            continue
+        rate = require_rate(triad)
+        walk, why = _require_walk(triad, horizon, is_data_sheet=noise.is_data_sheet)
+        white = _white(triad, is_data_sheet=noise.is_data_sheet)
+        blocks.append(_Block(quantity, white, walk, why, rate))
+    if not blocks:
+        raise InputError(f"the analysis has no axes, so there is nothing to write for {program}")
+    return blocks, missing
 
 
 def kalibr_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
@@ -148,25 +199,54 @@ def kalibr_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
     InputError
         There are no axes, an axis has no white noise, or there is no sampling rate.
     """
-    lines = [f"{_MARK}: Kalibr, continuous-time, of {noise.source}"]
-    rate = 0.0
-    names: dict[SensorKind, str] = {"accelerometer": "accelerometer", "gyro": "gyroscope"}
-    for quantity, name in names.items():
-        unit = SI_UNIT[quantity]
-        triad = noise.triads.get(quantity)
-        if triad is None:
-            lines.append(f"# {name}: {_absence(noise)}")
-            continue
-        rate = require_rate(triad)
-        walk, why = _require_walk(triad, horizon, is_data_sheet=noise.is_data_sheet)
-        white = _white(triad, is_data_sheet=noise.is_data_sheet)
+    blocks, lines = _blocks(noise, horizon, "Kalibr")
+    for one in blocks:
+        name = "gyroscope" if one.quantity == "gyro" else one.quantity
+        unit = SI_UNIT[one.quantity]
         lines += [
-            f"{name}_noise_density: {white:.6e}  # {unit}/√Hz",
-            f"{name}_random_walk: {walk:.6e}  # {unit}/s/√Hz; {why}",
+            f"{name}_noise_density: {one.white:.6e}  # {unit}/√Hz",
+            f"{name}_random_walk: {one.walk:.6e}  # {unit}/s/√Hz; {one.why}",
         ]
-    if not rate:
-        raise InputError("the analysis has no axes, so there is nothing to write for Kalibr")
-    return "\n".join([*lines, "rostopic: /imu0", f"update_rate: {rate:.6g}", ""])
+    head = f"{_MARK}: Kalibr, continuous-time, of {noise.source}"
+    return "\n".join([head, *lines, "rostopic: /imu0", f"update_rate: {blocks[-1].rate:.6g}", ""])
+
+
+def vins_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
+    """Return acc_n, acc_w, gyr_n and gyr_w of VINS-Fusion; see the module docstring.
+
+    Raises
+    ------
+    InputError
+        There are no axes, an axis has no white noise, or there is no sampling rate.
+    """
+    blocks, lines = _blocks(noise, horizon, "VINS-Fusion")
+    for one in blocks:
+        name, unit = _SHORT[one.quantity], SI_UNIT[one.quantity].replace("²", "^2")
+        lines += [
+            f"{name}_n: {one.white * np.sqrt(2 * one.rate):.6e}  # {unit} at {one.rate:.6g} Hz, "
+            f"sqrt(2) times the scatter of a sample, {one.white * np.sqrt(one.rate):.3g} {unit}",
+            f"{name}_w: {one.walk * np.sqrt(one.rate):.6e}  # {unit}/s; {one.why}",
+        ]
+    return "\n".join([f"{_MARK}: VINS-Fusion, for each sample, of {noise.source}", *lines, ""])
+
+
+def fast_lio_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
+    """Return the covariances in section `mapping` of FAST-LIO; see the module docstring.
+
+    Raises
+    ------
+    InputError
+        There are no axes, an axis has no white noise, or there is no sampling rate.
+    """
+    blocks, missing = _blocks(noise, horizon, "FAST-LIO")
+    lines = [f"{_MARK}: FAST-LIO, for each sample, of {noise.source}", *missing, "mapping:"]
+    for one in blocks:
+        name, unit = _SHORT[one.quantity], SI_UNIT[one.quantity].replace("²", "^2")
+        lines += [
+            f"    {name}_cov: {one.white**2 * one.rate:.6e}  # ({unit})^2 at {one.rate:.6g} Hz",
+            f"    b_{name}_cov: {one.walk**2 * one.rate:.6e}  # ({unit}/s)^2; {one.why}",
+        ]
+    return "\n".join([*lines, ""])
 
 
 def ros_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
@@ -211,6 +291,8 @@ def ros_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
 
 WRITERS: dict[str, Callable[[SensorNoise, float], str]] = {
     "kalibr": kalibr_text,
+    "vins_fusion": vins_text,
+    "fast_lio": fast_lio_text,
     "ros": ros_text,
     "filter": filter_text,
 }

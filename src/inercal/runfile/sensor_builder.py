@@ -7,7 +7,7 @@ from inercal.basics.units import Measured, parse_quantity, si_factor
 from inercal.benches.stated_axes import StatedAxes
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.section_settings import key_error, positive_value, si_value
-from inercal.physics.sensors import Noise, Readout, Sensor
+from inercal.physics.sensors import Noise, Readout, Sensor, output_unit
 from inercal.recordings.data import DataSection
 from inercal.runfile.schema import ReadoutSection, SensorSection
 
@@ -17,7 +17,6 @@ SCALE_EXAMPLES = {
     "gyro": "16.4 {}/(°/s)",
     "magnetometer": "6.67 {}/µT",
 }
-_COUNTS = ("LSB", "V")  # these outputs are no measured quantity: they need a scale
 Parts = Callable[..., Sensor]
 
 
@@ -83,17 +82,18 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
     """
     quantity = READING_UNITS[kind]
     key = f"[sensor.{kind}]"
-    output = next((u for u in _COUNTS if _has_dimension(section.unit, u)), None)
+    output = output_unit(section.unit)
     if output is None:
         try:
             scale = 1.0 / si_factor(section.unit, quantity)
         except InputError as error:
             raise key_error(
-                f"{key} unit", f"{error}; 'LSB' and 'V' are possible too, with a scale"
+                f"{key} unit", f"{error}; 'LSB', 'V', 'A' and 'Hz' are possible too, with a scale"
             ) from None
         if section.scale is not None:
             raise key_error(
-                f"{key} scale", f"only LSB and V need a scale, not {section.unit}; remove this key"
+                f"{key} scale",
+                f"only LSB, V, A and Hz need a scale, not {section.unit}; remove this key",
             )
     elif section.scale is None:
         raise InputError(
@@ -103,6 +103,7 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
         )
     else:
         scale = si_value(section.scale, f"{output}/({quantity})", f"{key} scale")
+        scale /= si_factor(section.unit, output)
     if scale == 0:
         raise key_error(f"{key} scale", f"{section.scale!r} is zero; give another value")
     full = None
@@ -125,14 +126,6 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
                 f"{key} {name}", f"{getattr(section, name)!r} is negative; give 0 or more"
             )
     return Readout(scale, section.offset, section.unit, full), Noise(**noise)
-
-
-def _has_dimension(unit: str, like: str) -> bool:
-    try:
-        si_factor(unit, like)
-    except InputError:
-        return False
-    return True
 
 
 def coefficient_value(sensor: Sensor, name: str, text: str | float, key: str) -> Measured:

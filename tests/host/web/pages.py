@@ -114,6 +114,7 @@ def opened(
     *,
     slow: bool = False,
     tab: str = "",
+    headers: Mapping[str, str] | None = None,
 ) -> Page:
     """Open a page of the server at a port; see `Served.page`."""
     host = host or f"127.0.0.1:{port}"
@@ -121,7 +122,7 @@ def opened(
         connect(
             f"ws://{host}/live?tab={tab}",
             origin=f"http://{host}" if origin == "own" else origin,  # pyright: ignore[reportArgumentType]
-            additional_headers=as_header(cookies or {}),
+            additional_headers=as_header(cookies or {}) | dict(headers or {}),
             sock=socket.create_connection(("127.0.0.1", port), PATIENCE),
             max_size=None,
             max_queue=4 if slow else None,
@@ -158,6 +159,7 @@ class Served(AbstractContextManager["Served"]):
         start: Callable[[RunRequest], RunProcess] = scripted,
         table: str = "",
         options: RunOptions = HURRIED,
+        read_token: str | None = None,
     ):
         self.refused: list[str] = []
         self._browsers: dict[str, dict[str, str]] = {}
@@ -174,7 +176,8 @@ class Served(AbstractContextManager["Served"]):
         self.socket = listening_socket("127.0.0.1", 0)
         self.port: int = self.socket.getsockname()[1]
         self.host = f"127.0.0.1:{self.port}"
-        self.access = Access(frozenset((self.host,)) if token is None else frozenset(), token)
+        hosts = frozenset((self.host,)) if token is None else frozenset[str]()
+        self.access = Access(hosts, token, read_token)
         refused = RefusalLog(self.refused.append)
         self.server: WebServer = web_server(self.hub, self.register, self.access, refused)
         self._up = Event()
@@ -199,9 +202,10 @@ class Served(AbstractContextManager["Served"]):
         *,
         slow: bool = False,
         tab: str = "",
+        headers: Mapping[str, str] | None = None,
     ) -> Page:
         """Open a page; a slow one takes from its connection only what it is asked for."""
-        return opened(self.port, origin, host, cookies, slow=slow, tab=tab)
+        return opened(self.port, origin, host, cookies, slow=slow, tab=tab, headers=headers)
 
     def ask(
         self,

@@ -7,7 +7,7 @@ from time import monotonic
 
 import pytest
 
-from inercal.host.web.viewers import MessageHistory, coarse_to_fine
+from inercal.host.web.message_history import MessageHistory, coarse_to_fine
 from inercal.host.web.worker_process import DroppingQueue, Publisher
 
 PATIENCE = 20.0  # s

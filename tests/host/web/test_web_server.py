@@ -12,7 +12,8 @@ from inercal.cli.bench_commands import serve
 from inercal.host.tasks import RunOptions
 from inercal.host.web import server
 
-TOKEN = "correct-horse-battery"
+TOKEN, READ_TOKEN = "correct-horse-battery", "only-looks-and-never-touches"
+READING = r"\nscripts may read with the token [\w-]{32}"
 
 
 async def ends(*_: object, **__: object) -> None:
@@ -23,7 +24,8 @@ def test_limits_of_runs_are_taken_as_of_bench_run(monkeypatch: pytest.MonkeyPatc
     given: list[server.ServerOptions] = []
     monkeypatch.setattr(server, "serve", given.append)
     serve()
-    serve(speed=20.0, temperature="15:40", patience=30.0)
+    serve(speed=20.0, temperature="15:40", patience=30.0, read_token=READ_TOKEN)
+    assert [one.read_token for one in given] == [None, READ_TOKEN]
     ordinary, watched = (one.run_options for one in given)
     assert ordinary == RunOptions()
     assert watched == RunOptions(20.0, (288.15, 313.15), 30.0)
@@ -33,9 +35,14 @@ def test_limits_of_runs_are_taken_as_of_bench_run(monkeypatch: pytest.MonkeyPatc
     ("options", "said"),
     [
         ({}, r"http://127\.0\.0\.1:\d+/"),
-        ({"token": TOKEN}, r"http://127\.0\.0\.1:\d+/ and asks for the token that you gave"),
-        ({"host": "0.0.0.0"}, r"http://[^:]+:\d+/\?token=[\w-]{32}"),
-        ({"host": "0.0.0.0", "token": TOKEN}, r"http://[^:]+:\d+/ and asks for .*"),
+        (
+            {"token": TOKEN},
+            rf"http://127\.0\.0\.1:\d+/ and asks for the token that you gave{READING}",
+        ),
+        ({"host": "0.0.0.0"}, rf"http://[^:]+:\d+/\?token=[\w-]{{32}}{READING}"),
+        ({"host": "0.0.0.0", "token": TOKEN}, rf"http://[^:]+:\d+/ and asks for .*{READING}"),
+        ({"host": "0.0.0.0", "read_token": READ_TOKEN}, r"http://[^:]+:\d+/\?token=[\w-]{32}"),
+        ({"read_token": READ_TOKEN}, r"http://127\.0\.0\.1:\d+/"),
     ],
 )
 def test_the_link_has_a_token_that_was_made_and_none_that_was_given(
@@ -52,6 +59,7 @@ def test_the_link_has_a_token_that_was_made_and_none_that_was_given(
     printed = capsys.readouterr()
     assert re.fullmatch(f"the page is at {said}\n", printed.out)
     assert TOKEN not in printed.out + printed.err
+    assert READ_TOKEN not in printed.out + printed.err
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL, LOG
 from inercal.host.run_log import RunLog
 from inercal.host.tasks import RunOptions
-from inercal.host.web import app, run_process, runs, viewers
+from inercal.host.web import app, live_socket, run_process, runs, viewers
 from inercal.host.web.run_request import PROCESS_RECORD, RunRequest, write_process_record
 
 
@@ -103,7 +103,7 @@ def test_only_an_operator_who_leaves_is_news(served: Served, ada: Page):
 def test_every_viewer_hears_the_server_beat_while_nothing_goes_on(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(app, "_HEARTBEAT_INTERVAL", 0.01)
+    monkeypatch.setattr(live_socket, "_HEARTBEAT_INTERVAL", 0.01)
     with served.page() as page, served.page() as other:
         for _ in range(3):
             assert page.until("beat") == other.until("beat") == {"kind": "beat"}

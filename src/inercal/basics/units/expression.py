@@ -40,9 +40,9 @@ _KINDS = {
     "T": "a magnetic flux density",
     "LSB": "a count",
     "sample": "a number of samples",
-    **{f"{unit}/(m/s²)": "an accelerometer's scale factor" for unit in ("LSB", "V", "A")},
-    **{f"{unit}/(rad/s)": "a gyro's scale factor" for unit in ("LSB", "V", "A")},
-    **{f"{unit}/T": "a magnetometer's scale factor" for unit in ("LSB", "V", "A")},
+    **{f"{unit}/(m/s²)": "an accelerometer's scale factor" for unit in ("LSB", "V", "A", "Hz")},
+    **{f"{unit}/(rad/s)": "a gyro's scale factor" for unit in ("LSB", "V", "A", "Hz")},
+    **{f"{unit}/T": "a magnetometer's scale factor" for unit in ("LSB", "V", "A", "Hz")},
 }
 ZERO_CELSIUS = 273.15  # K, exact (SI brochure, 9th edition, 2.3.1)
 

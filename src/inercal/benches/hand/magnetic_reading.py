@@ -10,6 +10,7 @@ from inercal.basics.units import format_number
 from inercal.physics.magnetic_units import POSSIBLE_FIELD, unit_hint
 from inercal.physics.plan import HandStep, Hold
 from inercal.physics.section_settings import key_error
+from inercal.physics.sensors import output_unit
 from inercal.recordings import Finding, Mark, Observations, Recording
 from inercal.recordings.data import RestsSection, RunBase
 from inercal.recordings.data.recording_loader import (
@@ -111,7 +112,7 @@ def require_earth_field(run: RunBase[RestsSection], found: MagneticReadings) -> 
     assert sensor is not None
     readout, readings = sensor.axes[0].readout, np.concatenate(found.parts)
     _, radius = sphere(readings)
-    if readout.unit in ("LSB", "V") or radius is None:
+    if output_unit(readout.unit) is not None or radius is None:
         return
     wide = np.sort(np.ptp(readings, axis=0))[1] > radius  # else the radius is not certain
     if not wide or POSSIBLE_FIELD[0] <= radius <= POSSIBLE_FIELD[1]:

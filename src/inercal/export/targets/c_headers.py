@@ -29,7 +29,8 @@ class _Language:
     """Differences between the two languages: number type, literals and declarations.
 
     The declarations contain the placeholders {name}, {m} for the number of readings, {n} for the
-    number of results, and {parameter} and {argument} for the temperature.
+    number of results, and {parameter} and {argument} for the temperature. The beginning also has
+    {macro} for the name in capitals, and {warm}, 1 if the correction takes a temperature.
     """
 
     real: str
@@ -69,6 +70,12 @@ _C = _Language(
     ("static inline int {name}_self_test(void)",),
     "{name}_correct(reading{argument}, motion)",
     "H",
+    (
+        "#define {macro}_READINGS {m}",
+        "#define {macro}_RESULTS {n}",
+        "#define {macro}_TAKES_TEMPERATURE {warm}",
+        "",
+    ),
 )
 _CPP = _Language(
     "Real",
@@ -100,6 +107,8 @@ def _render(language: _Language, request: Request) -> Rendering:
     celsius = number(code.reference + float(request.check_dT[0]))
     words = {
         "name": request.name,
+        "macro": request.name.upper(),
+        "warm": int(code.takes_temperature),
         **dict(zip("nm", code.model.gain.shape, strict=True)),
         "parameter": f", {real} temperature" * code.takes_temperature,
         "argument": f", {celsius}" * code.takes_temperature,

@@ -44,12 +44,15 @@ _KEYS = {
     "gyroscope_random_walk": "rad/s^2/sqrt(Hz)",
     "update_rate": "Hz",
 }
+_PRINTED_IMU = re.compile(r"^IMU(\d+):\n(.*?)(?=^IMU\d+:|\Z)", re.MULTILINE | re.DOTALL)
+_PRINTED_MATRIX = re.compile(r"\b(M|A|C_gyro_i|r[xyz]_i)\b[^\n:]*:\s*\n(\s*\[[\[\]\d\s.eE+-]*\])")
+_PRINTED_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _LARGEST = 1 << 20  # largest size of a noise file, bytes
-_OPTIONS = (
+NOISE_OPTIONS = (
     *(TargetOption(name, f"{unit}; or in the file of noise") for name, unit in _KEYS.items()),
     TargetOption("noise", "imu.yaml of a noise analysis, with these keys", kind=str),
-    TargetOption("rostopic", "topic of the IMU", "/imu0", kind=str),
 )
+_OPTIONS = (*NOISE_OPTIONS, TargetOption("rostopic", "topic of the IMU", "/imu0", kind=str))
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,27 +143,32 @@ def _rendering(
     formula: tuple[str, ...],
     remark: str,
 ) -> Rendering:
-    rows = "; ".join(shared.row_text(row, 12) for row in one.turn)
     acc, gyro = (triad for _, triad in request.model.triads)
     return Rendering(
         one.correction(np.zeros(3), np.zeros(3)),
         write,
         formula,
-        remarks=(
-            "frame of this file: f_file = Q f_calibration, w_file = Q w_calibration, with Q = "
-            f"[{rows}]",
-            remark,
-        ),
+        remarks=(frame_remark(one.turn), remark),
         correct_with_bias=one.correction(shared.written(acc.bias), shared.written(gyro.bias)),
+    )
+
+
+def frame_remark(turn: Array) -> str:
+    """State the rotation Q, (3, 3), from the frame of the calibration to the frame of a file."""
+    rows = "; ".join(shared.row_text(row, 12) for row in turn)
+    return (
+        f"frame of this file: f_file = Q f_calibration, w_file = Q w_calibration, with Q = [{rows}]"
     )
 
 
 def _head_lines(request: Request, target: str, model: str) -> list[str]:
     """Return the first lines of the files for both programs."""
-    noise = _noise_lines(request.options, target)
+    noise = noise_values(request.options, target)
     return [
         "imu0:",
-        *(f"  {line}" for line in noise),
+        *(f"  {name}: {shared.yaml_number(value)}" for name, value in noise.items()),
+        f"  rostopic: {request.options['rostopic']}",
+        "  time_offset: 0.0",
         f"  model: {model}",
         *_yaml_matrix("T_i_b", np.eye(4), "  ", 1),
     ]
@@ -172,17 +180,48 @@ def _yaml_matrix(name: str, matrix: Array, indent: str, digits: int = 12) -> lis
     return [f"{indent}{name}:", *rows]
 
 
-def _noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
-    """Return the noise as lines `key: number`."""
+def stated_noise(options: Mapping[str, Any], names: Sequence[str], target: str) -> dict[str, float]:
+    """Return the numbers of a noise model that options, or the file of the option noise, state.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or a number is not above 0.
+    """
     known: dict[str, float] = {}
     if options["noise"] is not None:
         path = Path(options["noise"])
         text = read_small_file(path, "file of noise", _LARGEST).decode("utf-8", "replace")
-        for name in _KEYS:
+        for name in names:
             # Each line has one number, so PyYAML, which is an extra, is not needed.
             if found := re.search(rf"^\s*{name}\s*:\s*([-+.\deE]+)", text, re.MULTILINE):
                 known[name] = _number(found[1], name, path)
-    known |= {name: options[name] for name in _KEYS if options[name] is not None}
+    known |= {name: options[name] for name in names if options[name] is not None}
+    wrong = [name for name, value in known.items() if not value > 0]
+    if wrong:
+        raise InputError(
+            f"target {target}: {wrong[0]} is {known[wrong[0]]:g}; give a number above 0",
+            key="--set",
+            names=tuple(wrong),
+        )
+    return known
+
+
+def noise_values(options: Mapping[str, Any], target: str) -> dict[str, float]:
+    """Return the noise densities and the sampling rate that the user states, by Kalibr's keys.
+
+    Parameters
+    ----------
+    options : mapping of str to object
+        Values of `NOISE_OPTIONS`.
+    target : str
+
+    Raises
+    ------
+    InputError
+        A value is missing or not above 0, or the file of noise cannot be read.
+    """
+    known = stated_noise(options, tuple(_KEYS), target)
     missing = [name for name in _KEYS if name not in known]
     if missing:
         raise InputError(
@@ -192,17 +231,7 @@ def _noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
             key="--set",
             names=tuple(missing),
         )
-    wrong = [name for name, value in known.items() if not value > 0]
-    if wrong:
-        raise InputError(
-            f"target {target}: {wrong[0]} is {known[wrong[0]]:g}; give a number above 0",
-            key="--set",
-            names=tuple(wrong),
-        )
-    return [f"{name}: {shared.yaml_number(known[name])}" for name in _KEYS] + [
-        f"rostopic: {options['rostopic']}",
-        "time_offset: 0.0",
-    ]
+    return {name: known[name] for name in _KEYS}
 
 
 def _number(text: str, name: str, path: Path) -> float:
@@ -213,12 +242,8 @@ def _number(text: str, name: str, path: Path) -> float:
 
 
 def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
-    with require_extra("kalibr", "files of Kalibr need PyYAML", ("yaml",)):
-        yaml: Any = import_module("yaml")
-    try:
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise InputError(f"the YAML cannot be read: {error}") from None
+    printed = _printed_imus(text)
+    content = printed or _yaml_content(text)
     name = options["imu"]
     one = _section(content, name)
     if one is None:
@@ -234,12 +259,52 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
         )
     matrix, gyro = _matrix(force, "M"), _matrix(rate, "M")
     turn = _matrix(rate, "C_gyro_i")
+    arms = [f"{arm} = {force[arm]} m" for arm in ("rx_i", "ry_i", "rz_i") if arm in force]
     return StatedCalibration(
         StatedTriad(matrix=matrix),
         StatedTriad(matrix=gyro @ turn, sensitivity=_matrix(rate, "A") @ turn),
         frame="triangular",
-        notes=("Kalibr states no biases",),
+        notes=(
+            "Kalibr states no biases",
+            *(f"the size effect is left out: {', '.join(arms)}",) * bool(arms),
+            *("read from a printed result, whose matrices are rounded",) * bool(printed),
+        ),
     )
+
+
+def _yaml_content(text: str) -> Any:
+    with require_extra("kalibr", "files of Kalibr need PyYAML", ("yaml",)):
+        yaml: Any = import_module("yaml")
+    try:
+        return yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise InputError(f"the YAML cannot be read: {error}") from None
+
+
+def _printed_imus(text: str) -> dict[str, Any]:
+    """Return the IMUs of a printed result, results-imucam.txt, in the structure of imu.yaml.
+
+    Kalibr first prints the noise of each kind, and then the matrices of the gyroscope and of the
+    accelerometer.
+    """
+    imus: dict[str, Any] = {}
+    for number, body in _PRINTED_IMU.findall(text):
+        gyro, _, acc = body.rpartition("Accelerometer:")
+        found = {
+            kind: {name: _printed_rows(rows) for name, rows in _PRINTED_MATRIX.findall(part)}
+            for kind, part in (("gyroscopes", gyro), ("accelerometers", acc))
+        }
+        imus[f"imu{number}"] = {kind: one for kind, one in found.items() if one}
+    return imus
+
+
+def _printed_rows(text: str) -> list[Any]:
+    """Return the rows of a printed matrix, or the numbers of a printed vector."""
+    rows = [
+        [float(x) for x in _PRINTED_NUMBER.findall(row)]
+        for row in re.findall(r"\[([^\[\]]+)\]", text)
+    ]
+    return rows[0] if len(rows) == 1 else rows
 
 
 def _section(content: Any, name: str) -> dict[str, Any] | None:
@@ -278,7 +343,7 @@ OPENVINS = Target(
 )
 READER = CalibrationReader(
     "kalibr",
-    "Kalibr imu.yaml",
+    "Kalibr imu.yaml or results-imucam.txt",
     _read,
     (TargetOption("imu", "which IMU of the file", "imu0", kind=str),),
 )

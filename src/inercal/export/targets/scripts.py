@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.export.polynomial import Dialect, code_model, statements
+from inercal.export.polynomial import CodeModel, Dialect, code_model, statements
 from inercal.export.target_definition import Rendering, Request
 from inercal.export.targets.code_text import code_rendering, code_target, motion_comment
 from inercal.export.targets.shared import comments, number
@@ -21,53 +21,54 @@ def _python_number(value: float) -> str:
 
 def _render_python(request: Request) -> Rendering:
     code = code_model(request)
+    return code_rendering(code, lambda header: module_text(code, header))
+
+
+def module_text(code: CodeModel, header: Sequence[str]) -> str:
+    """Return a Python module without imports, with the lines of explanation as comments."""
     dialect = Dialect(_python_number, "motion[{}]", "({0} > 0.0) - ({0} < 0.0)")
+    variables, channels = statements(code.model, dialect)
     argument, given = (word * code.takes_temperature for word in (", temperature", ", dT"))
-
-    def write(header: Sequence[str]) -> str:
-        lines = [
-            comments(header, "#").rstrip(),
-            "\nMATRIX = (",
-            *(f"    {tuple(row)}," for row in (code.model.gain + 0.0).tolist()),
-            ")",
-            f"OFFSET = {tuple((code.model.zero + 0.0).tolist())}",
-            "",
-            "",
-            f"def correct(reading{argument}):",
-            f'    """Return {motion_comment(code)}, as a tuple of numbers."""',
-            "    if len(reading) != len(OFFSET):",
-            '        raise ValueError(f"give {len(OFFSET)} readings, not {len(reading)}")',
-            "    start = [value - offset for value, offset in zip(reading, OFFSET)]",
-            "    motion = _apply(start)",
-        ]
-        if code.takes_temperature:
-            at = "temperature"
-            if code.limits is not None:
-                low, high = map(_python_number, code.limits)
-                at = f"min(max(temperature, {low}), {high})"
-            lines.append(f"    dT = {at} - {_python_number(code.reference)}")
-        if code.passes:
-            lines += [
-                f"    for _ in range({code.passes}):",
-                f"        extra = _terms(motion{given})",
-                "        motion = _apply([value - more for value, more in zip(start, extra)])",
-            ]
+    lines = [
+        comments(header, "#").rstrip(),
+        "\nMATRIX = (",
+        *(f"    {tuple(row)}," for row in (code.model.gain + 0.0).tolist()),
+        ")",
+        f"OFFSET = {tuple((code.model.zero + 0.0).tolist())}",
+        "",
+        "",
+        f"def correct(reading{argument}):",
+        f'    """Return {motion_comment(code)}, as a tuple of numbers."""',
+        "    if len(reading) != len(OFFSET):",
+        '        raise ValueError(f"give {len(OFFSET)} readings, not {len(reading)}")',
+        "    start = [value - offset for value, offset in zip(reading, OFFSET)]",
+        "    motion = _apply(start)",
+    ]
+    if code.takes_temperature:
+        at = "temperature"
+        if code.limits is not None:
+            low, high = map(_python_number, code.limits)
+            at = f"min(max(temperature, {low}), {high})"
+        lines.append(f"    dT = {at} - {_python_number(code.reference)}")
+    if any(channels):
         lines += [
-            "    return motion",
-            "",
-            "",
-            "def _apply(reading):",
-            "    return tuple(sum(c * x for c, x in zip(row, reading)) for row in MATRIX)",
+            f"    for _ in range({code.passes}):",
+            f"        extra = _terms(motion{given})",
+            "        motion = _apply([value - more for value, more in zip(start, extra)])",
         ]
-        if code.passes:
-            variables, channels = statements(code.model, dialect)
-            lines += ["", "", f"def _terms(motion{given}):"]
-            lines += [f"    {name} = {expression}" for name, expression in variables.items()]
-            lines += ["    return ("]
-            lines += [f"        {text or '0.0'}," for text in channels] + ["    )"]
-        return "\n".join(lines) + "\n"
-
-    return code_rendering(code, write)
+    lines += [
+        "    return motion",
+        "",
+        "",
+        "def _apply(reading):",
+        "    return tuple(sum(c * x for c, x in zip(row, reading)) for row in MATRIX)",
+    ]
+    if any(channels):
+        lines += ["", "", f"def _terms(motion{given}):"]
+        lines += [f"    {name} = {expression}" for name, expression in variables.items()]
+        lines += ["    return ("]
+        lines += [f"        {text or '0.0'}," for text in channels] + ["    )"]
+    return "\n".join(lines) + "\n"
 
 
 def _matlab_number(value: float) -> str:

@@ -1,7 +1,8 @@
 """Helpers shared by targets: number formats, comments, and checks for diagonal targets."""
 
+import json
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -274,3 +275,64 @@ def output_text(*triads: Triad) -> str:
     """Describe which output a formula uses."""
     units = " and ".join(dict.fromkeys(triad.unit for triad in triads))
     return f"readings as the sensor states them, in {units}"
+
+
+def json_section(text: str, what: str, *path: str | int) -> Mapping[str, Any]:
+    """Return the object at a path in a JSON text, such as ("imus", 0, "accelerometer").
+
+    Raises
+    ------
+    InputError
+        The text is no JSON, or there is no object at the path; `what` names the expected file.
+    """
+    try:
+        found: Any = json.loads(text)
+        for key in path:
+            found = found[key]
+        if not isinstance(found, dict):
+            raise TypeError
+    except (ValueError, LookupError, TypeError, RecursionError):
+        place = ".".join(map(str, path))
+        raise InputError(
+            f"this is not {what}: it contains no JSON object {place}", names=(place,)
+        ) from None
+    return cast("dict[str, Any]", found)
+
+
+def json_numbers(section: Mapping[str, Any], name: str, count: int) -> Array:
+    """Return a list of numbers in a JSON object, (count,).
+
+    Raises
+    ------
+    InputError
+        There is no such list, or it does not contain this many finite numbers.
+    """
+    try:
+        numbers = np.array(section[name], dtype=float)
+        if numbers.shape != (count,) or not np.isfinite(numbers).all():
+            raise ValueError
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{name} must be {count} finite numbers", names=(name,)) from None
+    return numbers
+
+
+def offset_triad(matrix: Array, offset: Array, name: str) -> StatedTriad:
+    """Return the triad whose correction is x = S y − offset, so that M = S⁻¹ and b = S⁻¹ offset.
+
+    Parameters
+    ----------
+    matrix : (3, 3) array
+        S.
+    offset : (3,) array
+    name : str
+        Name of S in the file.
+
+    Raises
+    ------
+    InputError
+        S has no inverse.
+    """
+    if np.linalg.cond(matrix) > 1 / np.finfo(np.float32).eps:
+        raise InputError(f"{name} has no inverse, so it is no correction", names=(name,))
+    back = inverse(matrix)
+    return StatedTriad(matrix=back, bias=back @ offset)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from inercal.basics.errors import InercalError, InputError
 from inercal.basics.units import format_count
-from inercal.host.guided.instruments import LineInstrument, read_instruments
+from inercal.host.guided.instruments import SensorInstrument, read_instruments
 from inercal.host.guided.measurement_table import MeasuredRow, MeasurementTable, Reading
 from inercal.host.guided.reading_check import ReadingCheck, scatter
 
@@ -34,7 +34,7 @@ class GuidedMeasurement:
     ----------
     table : MeasurementTable
     check : ReadingCheck
-    instruments : sequence of LineInstrument
+    instruments : sequence of SensorInstrument
         Instruments that read the sensor's columns. If there are none, the operator types all
         readings.
     count : int
@@ -53,7 +53,7 @@ class GuidedMeasurement:
         self,
         table: MeasurementTable,
         check: ReadingCheck,
-        instruments: Sequence[LineInstrument],
+        instruments: Sequence[SensorInstrument],
         count: int,
         units: Mapping[str, str],
         read_line: Callable[[str], str | None],
@@ -122,7 +122,10 @@ class GuidedMeasurement:
             for one in self._instruments:
                 one.begin()
             wanted = self._count - len(row.readings)
-            found = [by_hand | read_instruments(self._instruments, columns) for _ in range(wanted)]
+            found = [
+                by_hand | read_instruments(self._instruments, columns, self._units)
+                for _ in range(wanted)
+            ]
         for one in found:
             if beyond := self._check.out_of_range(one):
                 raise InputError("; ".join(beyond) + ": change the range, or correct full_scale")

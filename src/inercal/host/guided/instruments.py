@@ -1,23 +1,71 @@
-"""Reads instruments: SCPI over TCP or a serial port, or devices that send lines unasked.
+"""Reads the sensor with instruments: over links, as SCPI or lines unasked, or by their drivers.
 
-A reply or line contains one number, or several separated by commas, semicolons or spaces. The value
-9.9E37 means overload in SCPI.
+An instrument over a link gives plain numbers, which must be in the unit that [sensor] states. An
+instrument with a driver gives a `Reading`, whose unit is checked and converted.
 """
 
-import re
-from collections.abc import Callable, Sequence
-from math import isfinite
+from collections.abc import Callable, Mapping, Sequence
 from time import monotonic
 
 from inercal.basics.closeable import Closeable, on_failure
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_count
-from inercal.host.link import Link, LinkLost, open_link
+from inercal.basics.units import format_count, si_factor
+from inercal.host.drivers.scpi_reply import numbers_in_reply
+from inercal.host.equipment import INSTRUMENTS, Reading, open_instrument
+from inercal.host.link import LINKS, Link, LinkLost, open_link
 
-_OVERLOAD = 9e36
 _LONGEST = 4096  # bytes in a reply
 _MOST_PIECES = 1000  # largest number of discarded pieces; a fast device never stops
-_WORD = re.compile(r"[A-Za-zµμΩ°/²%]*")  # a unit after a number is not a value
+
+
+def open_sensor_instrument(address: str, query: str, timeout: float) -> "SensorInstrument":
+    """Open the instrument at an address of a driver or of a link; see `LineInstrument`.
+
+    Raises
+    ------
+    InputError
+        The address is invalid, or `query` is not "READ?" although a driver chooses the query.
+    LinkLost
+        No device answers.
+    """
+    scheme = address.partition(":")[0].lower()
+    if scheme in INSTRUMENTS:
+        if query != "READ?":
+            raise InputError(
+                f"--query has no effect on {address!r}; state the query in the address, as in "
+                "visa:GPIB0::22::INSTR?query=READ?",
+                key="--query",
+            )
+        return DriverInstrument(address, timeout)
+    if scheme not in LINKS and "::" in address:
+        raise InputError(
+            f"{address!r} is not an address; a VISA resource needs visa: in front of its name: "
+            f"visa:{address}",
+            names=(address,),
+        )
+    return LineInstrument(address, query, timeout)
+
+
+class DriverInstrument(Closeable):
+    """An instrument of `inercal.host.equipment`, which gives one reading with its unit."""
+
+    def __init__(self, address: str, timeout: float):
+        self.address, self._instrument = address, open_instrument(address, timeout)
+
+    def identity(self) -> str:
+        """Return one line that names the instrument; empty if it does not say what it is."""
+        return self._instrument.identity()
+
+    def begin(self) -> None:
+        """Do nothing, because a driver never returns an earlier reading."""
+
+    def read(self) -> list[Reading]:
+        """Return the reading; for the errors, see `inercal.host.equipment`."""
+        return [self._instrument.read()]
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._instrument.close()
 
 
 class LineInstrument(Closeable):
@@ -50,6 +98,10 @@ class LineInstrument(Closeable):
         self._buffer = b""
         self._link: Link | None = self._open()
 
+    def identity(self) -> str:
+        """Return no name, because a device that sends lines cannot be asked."""
+        return ""
+
     def begin(self) -> None:
         """Discard earlier replies, because the next reading must be current."""
         link = self._link = self._link or self._open()
@@ -71,8 +123,10 @@ class LineInstrument(Closeable):
 
         Raises
         ------
+        ProtocolError
+            The reply contains no numbers.
         InputError
-            The reply contains no numbers, or an overload.
+            The reply means an overload.
         LinkLost
             There is no reply in time. The next reading opens the link again.
         """
@@ -121,45 +175,21 @@ class LineInstrument(Closeable):
         return line.decode("utf-8", "replace").strip()
 
 
-def numbers_in_reply(reply: str, address: str) -> list[float]:
-    """Return the numbers in a reply.
-
-    Raises
-    ------
-    InputError
-        The reply contains no number, a word that is not a unit, a non-finite number or an overload.
-
-    Examples
-    --------
-    >>> numbers_in_reply("+1.25E-03,-2.0 V", "tcp://10.0.0.5:5025")
-    [0.00125, -2.0]
-    """
-    found: list[float] = []
-    for word in re.split(r"[,;\s]+", reply.strip()):
-        try:
-            found.append(float(word))
-        except ValueError:
-            if not found or not _WORD.fullmatch(word):
-                found.clear()
-                break
-    if not found or not all(isfinite(value) and abs(value) < _OVERLOAD for value in found):
-        raise InputError(
-            f"{address}: {reply[:60]!r} is not a reading: expected numbers separated by commas; "
-            "check the range of the instrument and --query",
-            names=(address,),
-        )
-    return found
+SensorInstrument = LineInstrument | DriverInstrument
 
 
 def read_instruments(
-    instruments: Sequence[LineInstrument], columns: Sequence[str]
+    instruments: Sequence[SensorInstrument], columns: Sequence[str], units: Mapping[str, str]
 ) -> dict[str, float]:
-    """Return one reading of all instruments together, by column, in order.
+    """Return one reading of all instruments together in `units`, by column, in order.
 
     Raises
     ------
     InputError
-        The number of values differs from the number of columns.
+        The number of values differs from the number of columns, a unit does not fit the unit of its
+        column, or an instrument reports an overload.
+    ProtocolError
+        A reply is not a reading.
     LinkLost
         An instrument does not answer.
     """
@@ -172,4 +202,18 @@ def read_instruments(
             "or one that reads them all",
             names=tuple(one.address for one in instruments),
         )
-    return dict(zip(columns, values, strict=True))
+    return {
+        name: _in_unit(value, name, units[name]) if isinstance(value, Reading) else value
+        for name, value in zip(columns, values, strict=True)
+    }
+
+
+def _in_unit(reading: Reading, column: str, unit: str) -> float:
+    try:
+        return reading.value * (si_factor(reading.unit, unit) / si_factor(unit))
+    except InputError:
+        raise InputError(
+            f"{column}: the instrument reads {reading.unit}, but [sensor] states {unit}; correct "
+            "the unit and scale there, or the unit in the instrument's address",
+            names=(column,),
+        ) from None

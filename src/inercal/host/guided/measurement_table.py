@@ -123,8 +123,13 @@ class MeasurementTable:
         """Number of complete rows."""
         return sum(row.complete for row in self.rows)
 
-    def begin(self) -> None:
-        """Write the table as it is, and remove single readings that belong to another table."""
+    def begin(self, notes: Sequence[str] = ()) -> None:
+        """Write the table as it is, and remove single readings that belong to another table.
+
+        `notes` about the measurement become comments of the table, unless it has them already.
+        """
+        new = (f"# {note}" for note in notes)
+        self._comments = list(dict.fromkeys([*self._comments, *new]))
         if not any(row.readings for row in self.rows):
             self._readings_path.unlink(missing_ok=True)
         self._write_table()

@@ -6,16 +6,16 @@ origin, and the second by its host.
 
 Every request passes through `AccessMiddleware` before the page receives it, and so does every
 answer. The middleware is pure ASGI. It first checks host, origin and token, and only then reads the
-body, with limits on size and time. It adds headers that permit a browser to load only the page's
-own files.
+body, with limits on size and time. A script shows the read-only token in the Authorization header.
+A request with this header can only read, whatever cookies it has. The middleware adds headers that
+permit a browser to load only the page's own files.
 """
 
-import asyncio
 import hmac
 import secrets
 from base64 import urlsafe_b64encode
-from collections import Counter, deque
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Callable, Mapping
 from html import escape
 from ipaddress import ip_address
 from time import monotonic
@@ -29,6 +29,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from inercal.basics.errors import InputError
 from inercal.host.web.refusal_log import RefusalLog
+from inercal.host.web.request_bodies import BodyReader, RequestRefused
 
 SESSION, VIEWER = "inercal-session", "inercal-viewer"
 _MIN_TOKEN_LENGTH = 12  # smallest number of characters of a token
@@ -55,23 +56,31 @@ class Access:
         Host names of the page, with the port, at which no token is needed.
     token : str or None
         Token that a browser must show once.
+    read_token : str or None
+        Token with which scripts read; it never permits a command.
 
     Raises
     ------
     InputError
-        The token is too easy to guess.
+        A token is too easy to guess, or both are the same.
     """
 
-    def __init__(self, hosts: frozenset[str], token: str | None):
-        if token is not None and len(token) < _MIN_TOKEN_LENGTH:
+    def __init__(self, hosts: frozenset[str], token: str | None, read_token: str | None = None):
+        for name, one in (("token", token), ("read-only token", read_token)):
+            if one is not None and len(one) < _MIN_TOKEN_LENGTH:
+                raise InputError(
+                    f"the {name} has {len(one)} characters; give at least {_MIN_TOKEN_LENGTH}, "
+                    f"or no {name}",
+                    key=name,
+                )
+        if token is not None and token == read_token:
             raise InputError(
-                f"the token has {len(token)} characters; give at least {_MIN_TOKEN_LENGTH}, or no "
-                "token",
-                key="token",
+                "the read-only token is the token of the page; give two different tokens",
+                key="read-only token",
             )
         self.session = secrets.token_urlsafe(32)
         self._viewer_key = secrets.token_bytes(32)
-        self._hosts, self._token = hosts, token
+        self._hosts, self._token, self._read_token = hosts, token, read_token
         self.needs_token = token is not None
         self._failed_tries: dict[str, deque[float]] = {}
 
@@ -128,12 +137,25 @@ class Access:
 
     def accepts_token(self, token: str, who: str) -> bool:
         """Return whether a token is correct; the time that this takes reveals nothing about it."""
-        if self._token is None or _equal_in_constant_time(token, self._token):
+        return self._token is None or self._is_right(token, self._token, who)
+
+    def accepts_read_token(self, token: str, who: str) -> bool:
+        """Return whether a read-only token is correct, as `accepts_token` does."""
+        return self._read_token is not None and self._is_right(token, self._read_token, who)
+
+    def _is_right(self, token: str, expected: str, who: str) -> bool:
+        if _equal_in_constant_time(token, expected):
             return True
         if who not in self._failed_tries and len(self._failed_tries) >= _MAX_ADDRESSES:
             del self._failed_tries[next(iter(self._failed_tries))]
         self._failed_tries.setdefault(who, deque(maxlen=_MAX_TRIES)).append(monotonic())
         return False
+
+
+def bearer_token(headers: Mapping[str, str]) -> str | None:
+    """Return the token in the Authorization header (RFC 6750); None if there is none."""
+    scheme, _, token = headers.get("authorization", "").partition(" ")
+    return token.strip() if scheme.lower() == "bearer" else None
 
 
 def cookie_name(headers: Mapping[str, str], name: str) -> str:
@@ -151,85 +173,6 @@ def _equal_in_constant_time(one: str, other: str) -> bool:
     return hmac.compare_digest(one.encode(errors="replace"), other.encode(errors="replace"))
 
 
-# Bodies of requests are read with limits on size and time, and only a few may be slow at the same
-# time.
-#
-# The bodies from the page arrive in one piece with the request. A body that arrives slowly occupies
-# one of a few places. If there are too many slow bodies, the oldest body of the client with the
-# most slow bodies is dropped. Bodies from other clients, and bodies that arrive at once, are still
-# read.
-MAX_BODY = 1 << 16  # bytes
-_TIMEOUT = 10.0  # s for one body
-_MAX_WAITING = 16  # largest number of incomplete bodies at a time
-
-
-class RequestRefused(Exception):
-    """A refused request, with the status code of the answer and the reason."""
-
-    def __init__(self, status: int, words: str):
-        super().__init__(words)
-        self.status, self.words = status, words
-
-
-class BodyReader:
-    """Reads the bodies of requests, and drops bodies that are too long, slow or numerous."""
-
-    def __init__(self):
-        self._waiting: dict[asyncio.Timeout, str] = {}  # client of each body, oldest first
-
-    async def read(self, client: str, headers: Headers, receive: Receive) -> bytes:
-        """Return the body of a client's request.
-
-        Raises
-        ------
-        RequestRefused
-            The body is too long, or does not arrive in time.
-        """
-        # The stated length is only used to refuse a body that is too long.
-        said = headers.get("content-length", "0")
-        if not said.isdecimal() or len(said) > 9 or int(said) > MAX_BODY:
-            raise _too_long()
-        limit = asyncio.timeout(_TIMEOUT)
-        try:
-            async with limit:
-                self._waiting[limit] = client
-                self._make_room()
-                return await _read(receive)
-        except TimeoutError:
-            raise RequestRefused(
-                408,
-                f"the body did not arrive within {_TIMEOUT:g} s, or it was the oldest of more than "
-                f"{_MAX_WAITING} incomplete ones",
-            ) from None
-        finally:
-            self._waiting.pop(limit, None)
-
-    def _make_room(self) -> None:
-        if len(self._waiting) <= _MAX_WAITING:
-            return
-        ((client, _),) = Counter(self._waiting.values()).most_common(1)
-        oldest = next(limit for limit, who in self._waiting.items() if who == client)
-        del self._waiting[oldest]
-        oldest.reschedule(asyncio.get_running_loop().time())
-
-
-async def _read(receive: Receive) -> bytes:
-    body, more = b"", True
-    while more:
-        message = await receive()
-        if message["type"] == "http.disconnect":
-            return body
-        body += message.get("body", b"")
-        more = message.get("more_body", False)
-        if len(body) > MAX_BODY:
-            raise _too_long()
-    return body
-
-
-def _too_long() -> RequestRefused:
-    return RequestRefused(413, f"the body is longer than {MAX_BODY} bytes")
-
-
 CONTENT_SECURITY_POLICY = (
     "default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; "
     "object-src 'none'"
@@ -243,6 +186,9 @@ autocomplete="current-password"></label> <button>Open the page</button></form></
 """
 
 
+_READ_ONLY = "a read-only token permits only the GET requests in /api/openapi.json"
+
+
 class AccessMiddleware:
     """Middleware that passes only permitted requests to an application.
 
@@ -251,10 +197,19 @@ class AccessMiddleware:
     app : ASGI application
     access : Access
     refused : RefusalLog
+    is_readable : callable
+        Function that returns whether a read-only token permits a request, from its scope.
     """
 
-    def __init__(self, app: ASGIApp, access: Access, refused: RefusalLog):
+    def __init__(
+        self,
+        app: ASGIApp,
+        access: Access,
+        refused: RefusalLog,
+        is_readable: Callable[[Scope], bool],
+    ):
         self._app, self._access, self._refusals = app, access, refused
+        self._is_readable = is_readable
         self._bodies = BodyReader()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -282,7 +237,8 @@ class AccessMiddleware:
         except RequestRefused as refused:
             words = f"{scope['method']} {scope['path']}: {refused.words}"
             self._refusals(client_host(scope), words)
-            app = PlainTextResponse(f"{refused.words}\n", refused.status)
+            schemes = {"www-authenticate": "Bearer"} if refused.status == 401 else None
+            app = PlainTextResponse(f"{refused.words}\n", refused.status, schemes)
             body = b""
         await app(scope, _replay_body(body, receive), closing)
 
@@ -292,6 +248,8 @@ class AccessMiddleware:
         words = None
         if not self._access.allows_host(headers):
             words = f"host {headers.get('host', '')!r}"
+        elif bearer_token(headers) is not None:
+            words = _READ_ONLY
         elif not self._access.is_same_origin(headers):
             words = f"origin {headers.get('origin', '')!r}"
         elif not self._access.has_session(headers):
@@ -319,6 +277,10 @@ class AccessMiddleware:
     def _token_refusal(self, scope: Scope, headers: Headers) -> Response | None:
         """Return the answer to a client without a token or with too many tries; otherwise None."""
         who = client_host(scope)
+        if (token := bearer_token(headers)) is not None:
+            # A script with an old token must not lock out the browser on the same machine.
+            self._require_read_only(scope, token, f"script at {who}")
+            return None
         if self._shows_token(scope):
             if self._access.may_try_token(who):
                 return None
@@ -328,6 +290,15 @@ class AccessMiddleware:
             return None
         self._refusals(who, f"{scope['method']} {scope['path']}: no token")
         return _token_form("This page needs the token that `inercal bench serve` has printed.")
+
+    def _require_read_only(self, scope: Scope, token: str, who: str) -> None:
+        """Raise an error unless a script has shown the read-only token and only reads."""
+        if not self._access.may_try_token(who):
+            raise RequestRefused(429, "too many wrong tokens; wait a minute")
+        if not self._access.accepts_read_token(token, who):
+            raise RequestRefused(401, "this read-only token is wrong")
+        if not self._is_readable(scope):
+            raise RequestRefused(403, _READ_ONLY)
 
     def _shows_token(self, scope: Scope) -> bool:
         """Return whether a request contains a token, whether correct or wrong."""

@@ -1,32 +1,32 @@
 """The routes of the page: files, set-up, device probe, results of runs, and the websocket."""
 
 import asyncio
-import gzip
-import json
-from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
+from functools import partial
 from importlib.metadata import version
 from importlib.resources import files
-from importlib.resources.abc import Traversable
-from time import monotonic
 from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
-from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.routing import Match, Route, WebSocketRoute
+from starlette.types import Scope
+from starlette.websockets import WebSocket
 
-from inercal.basics.errors import InercalError
+from inercal.basics.errors import InercalError, InputError
 from inercal.host.packets import PRESETS, read_layout
+from inercal.host.web import api_answers
 from inercal.host.web.access import Access, AccessMiddleware, client_host
 from inercal.host.web.device_catalogue import probe_devices
 from inercal.host.web.hub import Hub
+from inercal.host.web.interface import ROUTES, InterfaceRoute, openapi_description
 from inercal.host.web.json_objects import parse_object
+from inercal.host.web.live_socket import LiveSocket
 from inercal.host.web.plans import check_filter_changes
 from inercal.host.web.refusal_log import RefusalLog
-from inercal.host.web.viewers import Client, Viewer
+from inercal.host.web.runs import StoredRun
+from inercal.host.web.static_files import MISSING_PAGE, static_files
 
 
 class SharedCall:
@@ -56,23 +56,13 @@ class SharedCall:
             return await asyncio.to_thread(self._function)
 
 
-_MESSAGE_RATE = 20  # messages per second from a viewer
-_HEARTBEAT_INTERVAL = 2.0  # s
-_MAX_TAB = 64  # largest number of characters of the key that identifies a page
 _MAX_WAITING = 4  # largest number of waiting histories, and of waiting filter checks
-_CLOSING_TIME = 1.0  # s for the message to a viewer whose place was given to another
-_MEDIA_TYPES = {
-    "html": "text/html; charset=utf-8",
-    "js": "text/javascript; charset=utf-8",
-    "css": "text/css; charset=utf-8",
-    "svg": "image/svg+xml",
-}
+_FILES = {"report": "report.html", "calibration": "calibration.json"}
 # A report and a history contain their own styles and pictures and need no scripts.
 _STANDALONE_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-_MISSING_PAGE = b"<!doctype html><title>inercal</title><p>The page's own files are not installed."
 
 
 class Page:
@@ -90,10 +80,12 @@ class Page:
     def __init__(self, hub: Hub, register: str | None, access: Access, refused: RefusalLog):
         self._hub, self._register, self._refusals = hub, register, refused
         self._access = access
-        self._version = version("inercal")
-        self._files = dict(_static_files(files("inercal.host.web").joinpath("static")))
+        self._live = LiveSocket(hub, access, refused, version("inercal"))
+        self._files = dict(static_files(files("inercal.host.web").joinpath("static")))
         self._setup_lock, self._drawing_lock = asyncio.Lock(), asyncio.Lock()
+        self._reading_lock = asyncio.Lock()
         self._list_setup = SharedCall(lambda: self._setup(), self._setup_lock)
+        self._list_runs = SharedCall(lambda: api_answers.runs_answer(hub.runs), self._reading_lock)
         self._pending_histories = self._pending_filters = 0  # active or waiting requests
         self._cached_history: tuple[object, str] = None, ""
 
@@ -102,20 +94,21 @@ class Page:
         return [
             Route("/", self.index),
             Route("/static/{name:path}", self.static),
-            Route("/api/setup", self.setup),
-            Route("/api/stop", self.stop, methods=["POST"]),
-            Route("/api/probe", self.probe, methods=["POST"]),
-            Route("/api/filter", self.check_filter, methods=["POST"]),
-            Route("/runs/{name}/{what}", self.output_file),
             Route("/history/{sensor}", self.history),
             Route("/glossary", self.glossary),
-            WebSocketRoute("/live", self.live),
+            *map(self.route, ROUTES),
         ]
+
+    def route(self, one: InterfaceRoute) -> Route | WebSocketRoute:
+        """Return a route of the interface with its handler."""
+        handler = getattr(self, one.handler)
+        if one.method == "WEBSOCKET":
+            return WebSocketRoute(one.path, handler)
+        return Route(one.path, handler, methods=[one.method])
 
     async def index(self, request: Request) -> Response:
         """Return the page."""
-        missing = _StaticFile(_MISSING_PAGE, _MEDIA_TYPES["html"])
-        answer = self._files.get("index.html", missing).response(request)
+        answer = self._files.get("index.html", MISSING_PAGE).response(request)
         if self._access.viewer(request.headers) is None:
             self._access.issue_viewer(request.headers, answer)
         return answer
@@ -130,6 +123,43 @@ class Page:
     async def setup(self, request: Request) -> Response:
         """Return the choices for the set-up of a run."""
         return JSONResponse(await self._list_setup())
+
+    async def openapi(self, request: Request) -> Response:
+        """Return this description."""
+        return JSONResponse(openapi_description(Page))
+
+    async def state(self, request: Request) -> Response:
+        """Return the state of the run that the page shows."""
+        return JSONResponse(api_answers.state_answer(self._hub))
+
+    async def estimates(self, request: Request) -> Response:
+        """Return the latest estimates with expanded uncertainties."""
+        return JSONResponse(api_answers.estimates_answer(self._hub))
+
+    async def stored_runs(self, request: Request) -> Response:
+        """Return the stored runs, latest first."""
+        return JSONResponse(await self._list_runs())
+
+    async def journal(self, request: Request) -> Response:
+        """Return the journal of a run with its events."""
+        after = request.query_params.get("after", "0")
+        if not (after.isascii() and after.isdigit() and len(after) < 10):
+            return JSONResponse({"words": "after: give the number of an event, such as 0"}, 400)
+        return await self._about_run(request, partial(api_answers.journal_answer, after=int(after)))
+
+    async def result(self, request: Request) -> Response:
+        """Return the calibration of a run, as `inercal show --json` prints it."""
+        return await self._about_run(request, api_answers.result_answer)
+
+    async def _about_run(
+        self, request: Request, answer: Callable[[StoredRun], dict[str, Any]]
+    ) -> Response:
+        try:
+            async with self._reading_lock:
+                run = await asyncio.to_thread(self._hub.runs.find, request.path_params["name"])
+                return JSONResponse(await asyncio.to_thread(answer, run))
+        except InercalError as error:
+            return JSONResponse({"words": str(error)}, 404)
 
     async def stop(self, request: Request) -> Response:
         """Stop the table for any client, even a client without a websocket or a place."""
@@ -187,15 +217,13 @@ class Page:
         return JSONResponse({"errors": wrong})
 
     async def output_file(self, request: Request) -> Response:
-        """Return the report or the calibration of a run."""
-        runs = await asyncio.to_thread(self._hub.runs.all)
-        run = runs.get(request.path_params["name"])
+        """Return the report or the calibration file of a run."""
         what = request.path_params["what"]
-        kinds = {"report": "report.html", "calibration": "calibration.json"}
-        if run is None or what not in kinds:
-            return await self.not_found(request)
         try:
-            content = await asyncio.to_thread(run.output_file(kinds[what]).read_bytes)
+            run = await asyncio.to_thread(self._hub.runs.find, request.path_params["name"])
+            content = await asyncio.to_thread(run.output_file(_FILES[what]).read_bytes)
+        except (InputError, KeyError):
+            return await self.not_found(request)
         except OSError:
             return PlainTextResponse(f"this run has no {what}\n", 404)
         if what == "calibration":
@@ -238,71 +266,8 @@ class Page:
         return PlainTextResponse("nothing exists at this address\n", 404)
 
     async def live(self, websocket: WebSocket) -> None:
-        """Serve the websocket of a viewer: send messages about the run, and execute commands."""
-        who = client_host(websocket.scope)
-        shown, answer = self._access.viewer(websocket.headers), Response()
-        # A page that was opened before a restart of the server has an old cookie. A program has no
-        # cookie.
-        browser = shown or self._access.issue_viewer(websocket.headers, answer)
-        tab = websocket.query_params.get("tab", "")[:_MAX_TAB] or None
-        viewer = self._hub.add_viewer(self._version, browser, tab, Client(who, shown))
-        if viewer is None:
-            self._refusals(who, "websocket: too many viewers")
-            await websocket.close()
-            return
-        tasks: list[asyncio.Task[None]] = []
-        try:
-            async with viewer.stay:
-                cookies = [pair for pair in answer.raw_headers if pair[0] == b"set-cookie"]
-                await websocket.accept(headers=cookies)
-                tasks.append(asyncio.create_task(_send_messages(websocket, viewer)))
-                tasks.append(asyncio.create_task(_send_heartbeats(viewer)))
-                await self._receive_commands(websocket, viewer, who)
-        except WebSocketDisconnect:
-            pass
-        except TimeoutError:
-            if not viewer.stay.expired():
-                raise
-            self._refusals(who, f"viewer {viewer.number}: its place was given to another client")
-            with suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
-                async with asyncio.timeout(_CLOSING_TIME):
-                    await websocket.close(1013, "this client has too many viewers")
-        finally:
-            self._hub.remove_viewer(viewer)
-            for task in tasks:
-                task.cancel()
-                with suppress(asyncio.CancelledError):
-                    await task
-
-    async def _receive_commands(self, websocket: WebSocket, viewer: Viewer, who: str) -> None:
-        times: deque[float] = deque(maxlen=_MESSAGE_RATE + 1)
-        while True:
-            message = await websocket.receive()
-            if message["type"] != "websocket.receive":
-                return
-            times.append(monotonic())
-            if len(times) == times.maxlen and times[-1] - times[0] < 1.0:
-                self._refusals(
-                    who, f"viewer {viewer.number}: more than {_MESSAGE_RATE} messages per second"
-                )
-                await websocket.close(1008, "too many messages")
-                return
-            text = message.get("text")
-            if text is None:
-                self._refusals(who, f"viewer {viewer.number}: the message is not text")
-                await websocket.close(1003, "text only")
-                return
-            try:
-                requested = parse_object(text)
-                if requested.get("do") == "seen":
-                    viewer.acknowledge(requested.get("n"))
-                else:
-                    await self._hub.execute(viewer, requested)
-            except (InercalError, ValueError) as error:
-                is_said = isinstance(error, InercalError)
-                words = str(error) if is_said else "the message is not a JSON object; send one"
-                self._refusals(who, f"viewer {viewer.number}: {words}")
-                viewer.send("refused", json.dumps({"kind": "refused", "words": words}))
+        """Open the websocket of a viewer: messages about the run, and commands."""
+        await self._live.serve(websocket)
 
     def _setup(self) -> dict[str, Any]:
         from inercal.laboratory.store import Register
@@ -358,48 +323,10 @@ def application(
 ) -> AccessMiddleware:
     """Return the page as an ASGI application behind its access checks."""
     page = Page(hub, register, access, refused)
+    reading = [page.route(one) for one in ROUTES if one.reads]
+
+    def is_readable(scope: Scope) -> bool:
+        return any(one.matches(scope)[0] is Match.FULL for one in reading)
+
     app = Starlette(routes=page.routes(), exception_handlers={404: page.not_found})
-    return AccessMiddleware(app, access, refused)
-
-
-async def _send_messages(websocket: WebSocket, viewer: Viewer) -> None:
-    """Send the messages for a viewer, as fast as the viewer receives them."""
-    with suppress(WebSocketDisconnect, RuntimeError):  # disconnected, or about to be
-        while True:
-            await websocket.send_text(await viewer.next_message())
-
-
-async def _send_heartbeats(viewer: Viewer) -> None:
-    """Send heartbeats; a page can then distinguish a dead connection from a run without news."""
-    while True:
-        await asyncio.sleep(_HEARTBEAT_INTERVAL)
-        viewer.send("beat", '{"kind": "beat"}')
-
-
-class _StaticFile:
-    """A static file of the page; a compressed copy saves 30 s over a link with 4 kB/s."""
-
-    def __init__(self, content: bytes, media_type: str):
-        self._content, self._media_type = content, media_type
-        self._compressed = gzip.compress(content, mtime=0)
-
-    def response(self, request: Request) -> Response:
-        """Return the file in the encoding that the browser accepts."""
-        headers = {"vary": "accept-encoding"}
-        if "gzip" not in request.headers.get("accept-encoding", ""):
-            return Response(self._content, media_type=self._media_type, headers=headers)
-        headers["content-encoding"] = "gzip"
-        return Response(self._compressed, media_type=self._media_type, headers=headers)
-
-
-def _static_files(folder: Traversable, prefix: str = "") -> list[tuple[str, _StaticFile]]:
-    """Return the static files, by the names in requests."""
-    found: list[tuple[str, _StaticFile]] = []
-    if not folder.is_dir():
-        return found
-    for one in folder.iterdir():
-        if one.is_dir():
-            found += _static_files(one, f"{prefix}{one.name}/")
-        elif (kind := _MEDIA_TYPES.get(one.name.rpartition(".")[2])) is not None:
-            found.append((f"{prefix}{one.name}", _StaticFile(one.read_bytes(), kind)))
-    return found
+    return AccessMiddleware(app, access, refused, is_readable)

@@ -13,12 +13,14 @@ from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseComm
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
 from inercal.host.web import run_request, viewers
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
+from inercal.host.web.interface import COMMANDS
 from inercal.host.web.json_objects import (
     JsonObject,
     ambient_temperature,
     object_or_none,
     printable_line,
 )
+from inercal.host.web.message_history import MessageHistory, ReceivedMessage, is_alarm
 from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_changes
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.runs import Runs, StoredRun
@@ -27,12 +29,6 @@ _MAX_NAME = 80  # largest number of characters of a sensor's name
 _EXIT_TIMEOUT = 15.0  # s; a process must exit in this time after its end message
 _TIMER_MARGIN = 0.1  # s; a timer may fire too early by this time
 _MAX_NOTE = 400  # largest number of characters of a note
-_COMMANDS = ("pause", "go on", "abort")
-_MANUAL_COMMANDS = ("begin manual", "manual", "release")
-_OPERATOR_COMMANDS = (
-    *_COMMANDS, "start", "resume", "put away", "note", "mounted", *_MANUAL_COMMANDS,
-)  # fmt: skip
-COMMANDS = ("operate", "leave", "stop", *_OPERATOR_COMMANDS)
 
 
 class Hub:
@@ -73,13 +69,17 @@ class Hub:
         self._start = start
         self.run_process: RunProcess | None = None
         self._end_published = False
-        self._history: viewers.MessageHistory | None = None
+        self._history: MessageHistory | None = None
         self._relay_task: asyncio.Task[None] | None = None
 
     @property
     def is_run_active(self) -> bool:
         """Whether a run is active; it ends with its end message, even if the process still runs."""
         return self.run_process is not None and not self._end_published
+
+    def latest(self, kind: str) -> ReceivedMessage | None:
+        """Return the latest message of a kind about the run in view; None if there is none."""
+        return None if self._history is None else self._history.latest(kind)
 
     def add_viewer(
         self, version: str, browser: str, tab: str | None, client: viewers.Client
@@ -121,12 +121,12 @@ class Hub:
         InputError
             The request is refused. The message states the reason.
         """
-        if asked.get("do") not in COMMANDS:
+        what = asked.get("do")
+        if not isinstance(what, str) or what not in COMMANDS:
             raise InputError(
                 f'the request has no known command in "do"; possible: {", ".join(COMMANDS)}'
             )
-        what: str = asked["do"]
-        if what in _OPERATOR_COMMANDS and not self.people.is_operator(viewer):
+        if not COMMANDS[what].everyone and not self.people.is_operator(viewer):
             raise InputError(f"only the operator may send {what!r}; become operator first")
         match what:
             case "operate":
@@ -353,14 +353,14 @@ class Hub:
                 "free memory or disk space, then start again"
             ) from None
         is_manual = isinstance(order, run_request.ManualRequest)
-        self._history, self._end_published = viewers.MessageHistory(keeps_trend=is_manual), False
+        self._history, self._end_published = MessageHistory(keeps_trend=is_manual), False
         # The process needs seconds before it sends its first message.
         starts = _message_text("phase", run=order.name, words="starting the run's process")
         self._history.add_message("phase", starts)
         self._broadcast("phase", starts)
         self._relay_task = asyncio.create_task(self._relay(self.run_process, self._history))
 
-    async def _relay(self, run_process: RunProcess, kept: viewers.MessageHistory) -> None:
+    async def _relay(self, run_process: RunProcess, kept: MessageHistory) -> None:
         """Relay the messages of a run until its end."""
         async for kind, text in run_process.messages():
             self._end_published |= kind == "done"
@@ -382,7 +382,7 @@ class Hub:
         self._broadcast("idle", _message_text("idle"))
 
     def _broadcast(self, kind: str, text: str) -> None:
-        urgent = kind != "event" or viewers.is_alarm(text)
+        urgent = kind != "event" or is_alarm(text)
         for viewer in self.people.viewers.values():
             viewer.send(kind, text, urgent=urgent)
 

@@ -103,6 +103,7 @@ def final_estimates(calibration: Calibration) -> dict[str, Any]:
     sizes = np.array([sensor.coefficient(name).si for name in sensor.coefficients])
     return {
         "names": list(sensor.coefficients),
+        "units": [sensor.coefficient(name).unit for name in sensor.coefficients],
         "values": rounded_numbers(calibration.values / sizes),
         "u2": rounded_numbers(2 * calibration.std / sizes),
     }

@@ -61,6 +61,20 @@ class Runs:
         found.sort(key=lambda one: one.summary["begun"], reverse=True)
         return {one.path.name: one for one in found}
 
+    def find(self, name: str) -> StoredRun:
+        """Return the run in the folder with a name; no other journal is opened.
+
+        Raises
+        ------
+        InputError
+            There is no such run.
+        """
+        journals = self.folder.glob(f"*/{JOURNAL}")
+        found = next((one.parent for one in journals if one.parent.name == name), None)
+        if found is None:
+            raise InputError(f"there is no run {name[:80]!r}; GET /api/runs lists all runs")
+        return _stored_run(found)
+
     def active_folders(self) -> list[Path]:
         """Return the folders of all active runs and manual sessions, whoever started them.
 

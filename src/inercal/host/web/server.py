@@ -147,6 +147,8 @@ class ServerOptions:
     token : str or None
         Token that a browser must show. By default, a token is generated if `host` can be reached
         from other machines.
+    read_token : str or None
+        Token with which scripts read. By default, a token is generated if the page needs a token.
     """
 
     plans: Path = Path()
@@ -159,6 +161,7 @@ class ServerOptions:
     host: str = "127.0.0.1"
     port: int = 8765
     token: str | None = None
+    read_token: str | None = None
 
 
 _TURNS = 3  # number of iterations of the event loop
@@ -237,8 +240,11 @@ def serve(options: ServerOptions) -> None:
         token = options.token
         if token is None and not is_loopback(options.host):
             token = secrets.token_urlsafe(24)
+        read_token = options.read_token
+        if read_token is None and token is not None:
+            read_token = secrets.token_urlsafe(24)
         names = {options.host, "localhost", "127.0.0.1", "[::1]"} if token is None else set[str]()
-        access = Access(host_header_values(names, port), token)
+        access = Access(host_header_values(names, port), token, read_token)
         choice = DeviceCatalogue(options.table, options.imu, options.clock)
         hub = Hub(Plans(options.plans), runs, choice, options.register, options.run_options)
         server = web_server(hub, options.register, access, refused)
@@ -248,6 +254,8 @@ def serve(options: ServerOptions) -> None:
         )
         address = f"http://{_bracketed_host(host)}:{port}/"
         print(_page_address_text(address, options.token, token), flush=True)
+        if read_token != options.read_token:
+            print(f"scripts may read with the token {read_token}", flush=True)
         asyncio.run(server.serve(sockets=[opened]))
 
 

@@ -1,6 +1,6 @@
 """Sensor models: coefficient tables, exact forward model, inverse model and noise."""
 
-from inercal.physics.sensors.axis import Axis, Readout
+from inercal.physics.sensors.axis import Axis, Readout, output_unit
 from inercal.physics.sensors.axis_model import Form
 from inercal.physics.sensors.catalogue import (
     Direction,
@@ -42,6 +42,7 @@ __all__ = [
     "cluster",
     "imu",
     "inverse",
+    "output_unit",
     "pair",
     "single",
     "triad",

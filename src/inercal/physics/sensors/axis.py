@@ -1,5 +1,6 @@
 """A measuring axis: its name, directions, readout and noise."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,8 +8,20 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
 from inercal.physics.quantities import Measures
 from inercal.physics.sensors.noise import Noise
+
+_OUTPUT_UNITS = ("LSB", "V", "A", "Hz")
+
+
+def output_unit(unit: str) -> str | None:
+    """Return the SI unit of an output that needs a scale factor, "V" for "mV"; None for others."""
+    for one in _OUTPUT_UNITS:
+        with suppress(InputError):
+            si_factor(unit, one)
+            return one
+    return None
 
 
 @dataclass(frozen=True)

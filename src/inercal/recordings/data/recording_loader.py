@@ -9,10 +9,10 @@ from typing import cast
 
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import is_file
-from inercal.basics.units import parse_quantity
+from inercal.basics.units import parse_quantity, si_factor
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.section_settings import key_error, si_value
-from inercal.physics.sensors import Sensor
+from inercal.physics.sensors import Sensor, output_unit
 from inercal.recordings import Finding, Recording, ahead_of_lag
 from inercal.recordings.data import DataSection, ReadbackColumn, RunBase
 from inercal.recordings.io.file_patterns import is_pattern
@@ -346,11 +346,11 @@ def stated_deviations(run: RunBase[DataSection]) -> dict[str, float]:
         try:
             deviations[measures] = parse_quantity(text, like).value
         except InputError as error:
-            # The deviation of an output in V or LSB may be stated in the unit of the data file's
-            # column.
-            if not readouts or readouts[0].unit not in ("V", "LSB"):
+            # The deviation of an output such as V or LSB may be stated in a unit of this output.
+            unit, scale = readouts[0].unit, readouts[0].scale
+            if output_unit(unit) is None:
                 raise error.located(where, file=run.path, key=key) from None
-            deviations[measures] = si_value(text, readouts[0].unit, where) / abs(readouts[0].scale)
+            deviations[measures] = si_value(text, unit, where) / si_factor(unit) / abs(scale)
         if deviations[measures] <= 0:
             raise InputError(f"{where}: {text!r} must be positive", file=run.path, key=key)
     return deviations
