@@ -26,6 +26,8 @@ from tests.evidence import sensor_models, temperature_ramps, temperature_soaks
 from tests.evidence.stored_counts import FOLDER
 from tests.evidence.stored_runs import store_runs
 from tests.evidence.violation_cells import BASE, Cell, device_files
+from tests.magnetometer import generator, motion
+from tests.magnetometer.motion_calibrations import calibrated_motion
 from tests.methods import systematic_cases, systematic_table
 
 from inercal.basics.errors import InercalError
@@ -42,16 +44,16 @@ METHODS = (
     "six_position", "ferraris", "multi_position", "multi_position, recorded", "centrifuge_norm",
     "dual_orthogonal", "tumble", "rates_and_poses", "ship_planar", "ship_multi_angle",
     "turntable_discrete", "six_position, soaks", "temperature_ramp", "turntable_kalman",
-    "turntable_trajectory", "systematic",
+    "turntable_trajectory", "systematic", "field_and_rates",
 )  # fmt: skip
-SLOW = METHODS[-3:]  # a second for each device
+SLOW = METHODS[-4:]  # up to a second for each device
 LOWER, UPPER = 0.93, 0.97
 BAND = 3.29  # standard deviations: 99.9 %, two-sided
-Sense = Callable[[Array, Array, Array], Array]
+Sense = Callable[[Array, Array, Array, Array], Array]
 
 
 class Device(NamedTuple):
-    """A calibration, and the readings that the true device gives for f, ω (n, 3) and T (n,)."""
+    """A calibration, and the true device's readings for f, ω (n, 3), T (n,) and m (n, 3)."""
 
     calibration: Calibration
     sense: Sense
@@ -73,6 +75,8 @@ def device(method: str, seed: int, k: int) -> Device | None:
         return _ramped(rng)
     if method == "systematic":
         return _systematic(rng)
+    if method == "field_and_rates":
+        return _in_motion(rng)
     files, truth = device_files(Cell(method, "", BASE, 0.0, 0.0, 90.0, seed, 1), k)
     with TemporaryDirectory() as folder, catch_warnings():
         simplefilter("ignore")
@@ -84,10 +88,10 @@ def device(method: str, seed: int, k: int) -> Device | None:
         except InercalError:
             return None
     if method in ("tumble", "dual_orthogonal"):
-        return Device(found, lambda f, w, t: _on_head(truth, f))
+        return Device(found, lambda f, w, t, m: _on_head(truth, f))
     kinds = {axis.measures for axis in found.sensor.axes}
 
-    def sense(f: Array, w: Array, t: Array) -> Array:
+    def sense(f: Array, w: Array, t: Array, m: Array) -> Array:
         parts = [sensor_models.accelerometers(truth, f)] if "f" in kinds else []
         parts += [sensor_models.gyros(truth, w, f)] if "w" in kinds else []
         return np.concatenate(parts, axis=1)
@@ -123,7 +127,7 @@ def _soaked(seed: int, k: int) -> Device:
         sensor, estimate.value[own, :p], estimate.covariance[own, :p, :p], validity=validity
     )
 
-    def sense(f: Array, w: Array, t: Array) -> Array:
+    def sense(f: Array, w: Array, t: Array, m: Array) -> Array:
         powers = [(t - soaks.REFERENCE)[:, None] ** j for j in range(4)]
         y = f + sum(powers[j] * made.bias[j, own] for j in range(4))
         return y + sum(powers[j] * (f @ made.matrix[j, own].T) for j in range(3))
@@ -150,7 +154,7 @@ def _ramped(rng: np.random.Generator) -> Device:
         sensor, estimate.value[:p], estimate.stated_covariance[:p, :p], validity=validity
     )
 
-    def sense(f: Array, w: Array, t: Array) -> Array:
+    def sense(f: Array, w: Array, t: Array, m: Array) -> Array:
         return (w[:, 0] + ramps.BIAS[0] + ramps.change(t))[:, None]
 
     return Device(found, sense)
@@ -169,7 +173,7 @@ def _systematic(rng: np.random.Generator) -> Device:
     found = Calibration(sensor, estimate.value[:p], estimate.covariance[:p, :p], validity=validity)
     true = {name: value + made.drift_means.get(name, 0.0) for name, value in truth.items()}
 
-    def sense(f: Array, w: Array, t: Array) -> Array:
+    def sense(f: Array, w: Array, t: Array, m: Array) -> Array:
         still = np.zeros_like(w)
         parts = [systematic_table.sense(true, w, still, f, force=force) for force in (True, False)]
         return np.concatenate(parts, axis=1)
@@ -177,15 +181,33 @@ def _systematic(rng: np.random.Generator) -> Device:
     return Device(found, sense)
 
 
+def _in_motion(rng: np.random.Generator) -> Device:
+    """Return gyros and magnetometers that were turned about all axes."""
+    made = motion.motion(rng, generator.device(rng), delay=rng.uniform(-0.02, 0.03))
+    one = calibrated_motion(rng, made)
+    p = len(one.sensor.coefficients)
+    validity = Validity(
+        rate=(float(made.rate.min()), float(made.rate.max())),
+        field=(float(made.field.min()), float(made.field.max())),
+    )
+    found = Calibration(
+        one.sensor, one.estimate.value[:p], one.estimate.covariance[:p, :p], validity=validity
+    )
+
+    def sense(f: Array, w: Array, t: Array, m: Array) -> Array:
+        return np.concatenate([w + made.bias, m @ made.device.d.T + made.device.o], axis=1)
+
+    return Device(found, sense)
+
+
 def points(
     calibration: Calibration, rng: np.random.Generator, *, edge: bool
-) -> tuple[Array, Array, Array]:
-    """Return f, ω (n, 3) and T (n,) whose readings are inside the validity, or at its edge."""
+) -> tuple[Array, Array, Array, Array]:
+    """Return f, ω (n, 3), T (n,) and m (n, 3), with readings inside the validity or at its edge."""
     sensor, validity, n = calibration.sensor, calibration.validity, POINTS // 2
     assert validity is not None
-    limits = np.array(
-        [validity.force if axis.measures == "f" else validity.rate for axis in sensor.axes]
-    )
+    ranges = {"f": validity.force, "w": validity.rate, "m": validity.field}
+    limits = np.array([ranges[axis.measures] for axis in sensor.axes])
     reading = rng.uniform(limits[:, 0], limits[:, 1], (n, len(limits)))
     kelvin = np.full(n, sensor.reference_temperature)
     if validity.temperature is not None:
@@ -197,11 +219,11 @@ def points(
             kelvin = np.array(validity.temperature)[end]
     forces = any(axis.measures == "f" for axis in sensor.axes)
     across = forces * rng.uniform(-G0, G0, (n, 3))
-    motion = calibration.correct(
+    found = calibration.correct(
         sensor.to_output(reading), f=across, w=np.zeros((n, 3)), dw=np.zeros((n, 3)),
         dT=kelvin - sensor.reference_temperature,
     )  # fmt: skip
-    return motion.f, motion.w, kelvin
+    return found.f, found.w, kelvin, found.m
 
 
 def covered(method: str, seed: int, k: int) -> Covered | None:
@@ -212,25 +234,26 @@ def covered(method: str, seed: int, k: int) -> Covered | None:
     calibration, rng = found.calibration, np.random.default_rng([seed, k])
     sensor, shares = calibration.sensor, list[float]()
     for edge in (False, True):
-        f, w, kelvin = points(calibration, rng, edge=edge)
-        stated = calibration.predict(f, w, kelvin)
+        f, w, kelvin, m = points(calibration, rng, edge=edge)
+        stated = calibration.predict(f, w, kelvin, m if sensor.rank("m") else None)
         corrected = calibration.correct(
-            sensor.to_output(found.sense(f, w, kelvin)), f=f, w=w, dw=np.zeros_like(w),
+            sensor.to_output(found.sense(f, w, kelvin, m)), f=f, w=w, dw=np.zeros_like(w),
             dT=kelvin - sensor.reference_temperature,
         )  # fmt: skip
-        along = np.concatenate([corrected.f - f, corrected.w - w], axis=1)
+        pairs = (corrected.f, f), (corrected.w, w), (corrected.m, m)
+        along = np.concatenate([one - true + np.zeros_like(w) for one, true in pairs], axis=1)
         error = along @ _directions(calibration).T
         shares.append(float((np.abs(error) <= stated.expanded).mean()))
     return Covered(*shares)
 
 
 def _directions(calibration: Calibration) -> Array:
-    """Return the components that a sensor measures, or its input axes, as rows (q, 6)."""
+    """Return the components that a sensor measures, or its input axes, as rows (q, 9)."""
     rows: list[Array] = []
-    for block, kind in enumerate("fw"):
+    for block, kind in enumerate("fwm"):
         own = np.array([axis.i for axis in calibration.sensor.axes if axis.measures == kind])
         if own.size:
-            padded = np.zeros((len(own), 6))
+            padded = np.zeros((len(own), 9))
             padded[:, 3 * block : 3 * block + 3] = own
             rows.append(padded)
     return np.concatenate(rows)

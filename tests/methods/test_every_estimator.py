@@ -5,6 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.magnetometer import generator
+from tests.magnetometer.calibrations import FIELD_NAMES, coefficients
+from tests.magnetometer.motion import motion
+from tests.magnetometer.motion_calibrations import BIASES, calibrated_motion
 from tests.refusals import refused
 
 from inercal.basics.units import Measured
@@ -122,7 +126,7 @@ def followed(
     )
 
 
-# Magnetometers are added to an estimate of the other axes (tests/magnetometer).
+# The estimator of `field_and_rates` only states what is known before; see the next test.
 CASES = [
     (name, estimator)
     for name, m in METHODS.items()
@@ -178,6 +182,22 @@ def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
     np.testing.assert_allclose(
         found.value[:p] / sensor.unit_scale, c / sensor.unit_scale, atol=atol
     )
+
+
+def test_gyros_and_magnetometers_are_recovered_from_a_perfect_motion():
+    rng = np.random.default_rng(5)
+    own = generator.device(rng)
+    one = calibrated_motion(rng, motion(rng, own, noise=0.0))
+    error, covariance = one.errors()
+    names = [*FIELD_NAMES, *BIASES, "delay"]
+    found = dict(zip(names, (error / np.sqrt(np.diagonal(covariance))).tolist(), strict=True))
+    # The stated strength is drawn; it scales all fields, so that other errors are proportional.
+    strength = one.estimate.value[one.estimate.names.index("strength")]
+    matrix = own.d * own.strength / strength
+    for name, value in zip(FIELD_NAMES, coefficients(matrix, own.o), strict=True):
+        k = one.estimate.names.index(name)
+        found[name] = float((one.estimate.value[k] - value) / one.estimate.std[k])
+    assert max(map(abs, found.values())) < 0.1, found
 
 
 def test_classical_refuses_the_tilted_form_that_it_does_not_find():

@@ -10,7 +10,6 @@ from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Axis, Direction, Noise, Readout, Sensor, axes_along
 
-_PREFIXES = {"f": "a", "w": "g", "m": "m"}
 _UNIT = re.compile(r"\s*[(\[].*")
 _THREE = ("x", "y", "z")
 
@@ -61,7 +60,7 @@ class StatedAxes(NamedTuple):
             )
         try:
             return axes_along(
-                given, self.measures, _PREFIXES[self.measures], self.readout, self.noise
+                given, self.measures, QUANTITIES[self.measures].letter, self.readout, self.noise
             )
         except InputError as error:
             raise error.located(key, key=key) from None

@@ -67,6 +67,9 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
         return "check the latitude and its sign, and the names and signs of the gyros' columns"
     if cause.kind == "bench":
         return "measure it again, or state it with its true uncertainty"
+    if cause.units[:1] == ("T",):
+        again = f"this {row_word}" if cause.kind == "row" else "the recording"
+        return f"keep iron, magnets and currents away, and repeat {again}"
     if cause.kind == "row":
         return f"look at the readings of “{cause.name}”, and repeat this {row_word}"
     if cause.name.startswith(CHANGE_PREFIX):

@@ -6,6 +6,7 @@ import numpy as np
 
 from inercal.basics.keys import ErrorName
 from inercal.basics.parameters import Parameter
+from inercal.basics.units import si_factor
 from inercal.calibration.grade import Assessment, two_digits
 from inercal.calibration.suspect_text import (
     bench_words,
@@ -87,7 +88,8 @@ def agreement_lines(
         text = f"{group.name[0].upper()}{group.name[1:]}: χ² = {chi2_text(group.chi2)} with "
         text += f"{degrees_of_freedom(group.dof)}, p {p_value_text(group.p_value)}."
         if group.spread.excess:
-            scatter = f"{two_digits(float(group.spread.excess))} {group.unit}"
+            unit = "µT" if group.unit == "T" else group.unit
+            scatter = f"{two_digits(float(group.spread.excess) / si_factor(unit))} {unit}"
             text += f" All uncertainties include an additional scatter of {scatter}."
         if group.spread.share < 1:
             percent = two_digits(100 * float(group.spread.share))

@@ -302,7 +302,7 @@ def grade_estimate(
     if assessment.scores_reject and suspect is None:
         mild.append("no single cause explains the residuals")
     elif suspect is not None:
-        named = f"wrong readings in {suspect.name}" if suspect.kind == "row" else suspect.name
+        named = row_words(suspect.name) if suspect.kind == "row" else suspect.name
         if suspect.kind == "coefficient":
             named = coefficient_words(sensor, suspect.name, suspect.components)
         mild.append(f"the residuals point to {named}")
@@ -324,6 +324,11 @@ def grade_estimate(
         noise=noise,
         warned=tuple(warned),
     )
+
+
+def row_words(name: str) -> str:
+    """Describe readings of one row, or a field at one rest, as a cause of large residuals."""
+    return f"a different {name}" if name.startswith("field at ") else f"wrong readings in {name}"
 
 
 def _test_reason(name: str) -> str:

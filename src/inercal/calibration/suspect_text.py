@@ -16,13 +16,21 @@ from inercal.calibration.advising import CHANGE_PREFIX
 from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.detectability import coefficient_definition
 from inercal.calibration.explanation import first_fit
-from inercal.calibration.grade import Assessment, two_digits
+from inercal.calibration.grade import Assessment, row_words, two_digits
 from inercal.estimation.scores import CandidateKind, ScoreTestSet
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_words import coefficient_words
 
 _MIN_PROBABILITY = 1e-99  # smallest printed probability
-_DISPLAY_UNITS = {"rad": "″", "m/s²": "µg", "rad/s": "°/h", "m": "mm", "s": "ms", "1": "ppm"}
+_DISPLAY_UNITS = {
+    "rad": "″",
+    "m/s²": "µg",
+    "rad/s": "°/h",
+    "m": "mm",
+    "s": "ms",
+    "1": "ppm",
+    "T": "µT",
+}
 _PERCENT_THRESHOLD = 0.01  # a larger ratio is shown in %
 _MAX_LISTED = 6  # largest number of candidates in a line
 _LEAST_SHARE = 0.1  # smallest share of χ² that a partial cause must explain
@@ -60,7 +68,7 @@ def cause_words(
         return f"the prior of the {coefficient_words(sensor, full, own)}"
     if kind == "bench":
         return bench_words(name, components, expected)
-    return f"wrong readings in {name}" if kind == "row" else name
+    return row_words(name) if kind == "row" else name
 
 
 def bench_words(name: str, components: Sequence[str], expected: Mapping[str, Parameter]) -> str:
@@ -132,12 +140,12 @@ def suspect_lines(
     words = cause_words(one.name, one.kind, one.components, sensor, expected)
     first = f"{words[0].upper()}{words[1:]}"
     how = ""
-    if one.kind == "time" and not one.changes:
+    if one.kind == "time" and not one.changes and not one.name.startswith("step "):
         within = one.name.startswith(CHANGE_PREFIX)
         how = " from its first half to its second" if within else " from the first row to the last"
     alone = len(one.components) == 1
     parts = [
-        ("" if alone else f"{name} ")
+        ("" if alone else f"{name.removeprefix(f'{one.name}, ')} ")
         + f"{format_component(sensor, one.kind, name, size, sd, unit)}{how}"
         for name, size, sd, unit in zip(one.components, one.sizes, one.sds, one.units, strict=True)
         if np.isfinite(size) and one.kind != "row" and not name.startswith(_PRIOR_PREFIX)

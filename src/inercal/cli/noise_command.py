@@ -285,7 +285,8 @@ def _require_possible_in_blocks(
 
 def _read(path: Path, known: dict[str, str]) -> "Recording":
     """Return the readings from a run file's recording or from a log, in SI units."""
-    from inercal.pipeline.drafts.rest_recording import in_si, read_rest_recording
+    from inercal.physics.quantities import QUANTITIES
+    from inercal.pipeline.drafts.rest_recording import in_si, read_rest_recording, repeats_values
 
     if path.suffix.lower() != ".toml":
         return read_rest_recording(path, known)
@@ -301,10 +302,14 @@ def _read(path: Path, known: dict[str, str]) -> "Recording":
         raise InputError(
             "[data] contains means, which have no sample noise; give a recording", key="[data] kind"
         ).located(path)
-    recording = load_recording(run)
-    axes = {axis.name: axis for axis in run.sensor.axes}
+    recording = load_recording(run.with_all_axes)
+    if run.magnetometer is not None:
+        field = [recording.channels.index(name) for name in run.magnetometer.channels]
+        if repeats_values(recording.data[:, field]):
+            recording = load_recording(run)
+    axes = {axis.name: axis for axis in run.whole_sensor.axes}
     chosen = [axes[name] for name in recording.channels]
-    units = ["m/s²" if axis.measures == "f" else "rad/s" for axis in chosen]
+    units = [QUANTITIES[axis.measures].unit for axis in chosen]
     return in_si(recording, [axis.readout for axis in chosen], units)
 
 

@@ -27,6 +27,8 @@ import scipy
 from inercal.basics.arrays import Array, Bools
 from inercal.estimation.singular_values import column_lengths
 
+LEAST_RATIO = 1.3  # stated over observed; less is harmless, and 1.5 times always exceeds it
+LEVEL = 1e-3  # significance level for all comparisons of a run together
 _RANGE = float(np.log(1e4))  # s is between 1e-4 and 1e4
 _EXACT = 1e-6  # tolerance for ln s
 _FEWEST = 1.0  # degrees of freedom

@@ -184,8 +184,7 @@ def _nominal_axes(stated: StatedCalibration, kind: Measures) -> list[Axis]:
             "calibration of the same sensor with --like, which has its nominal readout",
             key="--like",
         ) from None
-    prefix = {"f": "a", "w": "g", "m": "m"}[kind]
-    return list(axes_along("xyz", kind, prefix, readout))
+    return list(axes_along("xyz", kind, QUANTITIES[kind].letter, readout))
 
 
 def _coefficients(

@@ -19,7 +19,8 @@ filtering", IEEE Trans. Control Systems Technology 26 (2018) 716.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -27,47 +28,35 @@ from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import Hand
 from inercal.estimation import Estimate
-from inercal.estimation.lazy_value import LazyValue
+from inercal.estimation.noise_scale import LEAST_RATIO
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
 from inercal.methods.magnetic_field import (
     Directions,
     FieldConditions,
-    FieldFit,
     FieldNodes,
     Links,
     fit_field,
 )
 from inercal.methods.magnetic_field.stage import (
-    DELAY,
     DELAY_SD,
-    field_group,
+    STATED_NOISE,
     field_remarks,
-    inhomogeneity_note,
+    joined,
     linear_model,
     temperature_offsets,
-    tests_of_field,
 )
 from inercal.methods.multi_position.attitude_coverage import hand_held_plan
+from inercal.methods.multi_position.rest_links import BetweenNodes, between_nodes
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.frames import exp_so3
-from inercal.physics.motion import Motion
-from inercal.physics.sensors import Sensor, inverse
-from inercal.recordings import Observations, Track
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations, Track, Transitions
 
 _MOST_NODES = 1500
 _WIDE_BIAS = np.radians(20.0)  # rad/s
 _ROUNDS = 3
 _DIFFERENCE = np.sqrt(20.0)  # sd of a third difference of white noise with sd 1
 _NORMAL = 1.4826  # sd divided by the median of |x| of a normal distribution
-
-
-class _Rotations(NamedTuple):
-    """The rotation from each node to the next."""
-
-    matrix: Array  # (l, 3, 3), from the frame of the later node to that of the earlier one
-    by_coefficient: Array  # (l, 3, q), in the frame of the later node
-    seconds: Array  # (l,), sum of the squared steps, s²
-    rate: Array  # (nodes, 3), corrected, rad/s
 
 
 def prior(
@@ -122,8 +111,8 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
     wide[:g, :g] = fit.estimate.covariance
     at = _even_samples(seen.time)
     span = float(np.ptp(seen.time))
-    of_field = _noise(seen.mean, field, (len(seen.time) - 1) / span)
-    of_rate = _noise(track.reading, gyros, (len(track.time) - 1) / float(np.ptp(track.time)))
+    of_field, ratio = _noise(seen.mean, field, (len(seen.time) - 1) / span)
+    of_rate, _ = _noise(track.reading, gyros, (len(track.time) - 1) / float(np.ptp(track.time)))
     warmth = temperature_offsets(seen.temperature, field, len(seen.time))
     nodes = FieldNodes(
         tuple(f"{t:.2f} s" for t in seen.time[at].tolist()),
@@ -138,16 +127,30 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
     conditions = FieldConditions(fit.bench.field)
     change, found = np.zeros(g + 1), None  # of the coefficients and the delay
     for _ in range(_ROUNDS):
-        way = _rotations(track, gyros, start + change[:g], nodes.time - change[g])
+        c, time = start + change[:g], nodes.time - change[g]
+        way, variance = _links(track, gyros, c, of_rate, time)
         by_earth = np.zeros((len(at) - 1, 3, 3))
         if found is not None:
             by_earth = -found.attitude[1:].mT * np.diff(nodes.time)[:, None, None]
-        links = _links(way, of_rate, change, by_earth)
+        # The rotations contain the change of coefficients and delay; the links refer to the start.
+        links = Links(
+            np.arange(len(at) - 1),
+            way.matrix @ exp_so3(-way.derivative @ change),
+            variance[:, None, None] * np.eye(3),
+            np.concatenate([way.derivative, by_earth], axis=2),
+            np.zeros(len(at) - 1, dtype=bool),
+        )
         found = fit_field(nodes, model, unknown, links, conditions, wide)
         change = found.correction[: g + 1]
     assert found is not None
-    estimate = _estimate(gyros, field, found, start)
-    return estimate, field_remarks(estimate, found)
+    # The later stage refined the gyros; the earth's rate is no result.
+    posterior = found.known_covariance[: g + 1, : g + 1]
+    found = replace(
+        found, correction=change, cross=found.cross[:, : g + 1], known_covariance=posterior
+    )
+    refined = replace(fit.estimate, value=start + change[:g], covariance=posterior[:g, :g])
+    estimate = joined(refined, found, g)
+    return estimate, field_remarks(estimate, found, STATED_NOISE * (ratio > LEAST_RATIO))
 
 
 def _even_samples(time: Array) -> Indices:
@@ -158,8 +161,8 @@ def _even_samples(time: Array) -> Indices:
     return np.unique(np.minimum(nearest, len(time) - 1))
 
 
-def _noise(reading: Array, sensor: Sensor, rate_hz: float) -> Array:
-    """Return the standard deviation of one sample of each axis: the stated one, or that seen.
+def _noise(reading: Array, sensor: Sensor, rate_hz: float) -> tuple[Array, float]:
+    """Return the deviation of one sample of each axis, as stated or seen, and their largest ratio.
 
     Third differences remove all but fast motion, and the median removes its rare moments.
     """
@@ -169,81 +172,24 @@ def _noise(reading: Array, sensor: Sensor, rate_hz: float) -> Array:
     result = np.maximum(np.where(stated > 0, stated, changes), steps)
     if not np.all(result > 0):
         raise NotObserved("an axis has the same reading in most samples")
-    return result
+    return result, float(np.max(stated[changes > 0] / changes[changes > 0], initial=0.0))
 
 
-def _rotations(track: Track, gyros: Sensor, c: Array, time: Array) -> _Rotations:
-    """Integrate the rate between the nodes' times, for all links at once (Magnus series)."""
+def _links(
+    track: Track, gyros: Sensor, c: Array, noise: Array, time: Array
+) -> tuple[BetweenNodes, Array]:
+    """Return the rotations between the nodes' times, and the variance of each, (l,) rad²."""
     offsets = temperature.sample_offsets(track, gyros)
-    dT = offsets if offsets.size else 0.0
-    rate = inverse(gyros, track.reading, c, dT=dT).w
-    _, design, slope = gyros.linearise(Motion(np.zeros((1, 3)), rate, dT=dT), c)
-    by_coefficient = -np.linalg.pinv(slope[..., 3:6]) @ design
-    by_coefficient = np.broadcast_to(by_coefficient, (len(rate), *by_coefficient.shape[1:]))
-    # Samples nearest to the nodes, and the small rotation from each sample to its node.
-    middle = 0.5 * (track.time[1:] + track.time[:-1])
-    at = np.searchsorted(middle, time)
-    aside = (time - track.time[at])[:, None] * rate[at]
-    first, last = at[:-1], at[1:]
-    turn = exp_so3(-aside[:-1])
-    sensitivity, seconds = np.zeros((len(first), 3, len(c))), np.zeros(len(first))
-    for step in range(int((last - first).max())):
-        k = np.flatnonzero(first + step < last)
-        i = first[k] + step
-        dt = (track.time[i + 1] - track.time[i])[:, None]
-        one, two = rate[i], rate[i + 1]
-        back = exp_so3(0.5 * dt * (one + two) + dt**2 / 12 * np.cross(one, two))
-        half = 0.5 * dt[..., None] * by_coefficient[i], 0.5 * dt[..., None] * by_coefficient[i + 1]
-        turn[k] = turn[k] @ back
-        sensitivity[k] = back.mT @ (sensitivity[k] + half[0]) + half[1]
-        seconds[k] += dt[:, 0] ** 2
-    end = exp_so3(aside[1:])
+    sample = np.searchsorted(0.5 * (track.time[1:] + track.time[:-1]), time)  # the nearest
+    first, last = sample[:-1], sample[1:]
+    output = gyros.to_output(track.reading)
+    parts = Transitions(track.time, output, first, first, first, last, last)
+    white, dT = float(np.mean(noise**2)), offsets if offsets.size else None
+    ends = time[:-1], time[1:]
+    between = between_nodes(parts, gyros, c, white * np.eye(3), ends, dT=dT)
     # Nodes beyond the ends of the track have the same sample.
-    seconds = np.maximum(seconds, np.diff(time) * np.diff(track.time).min())
-    return _Rotations(turn @ end, end.mT @ sensitivity, seconds, rate[at])
-
-
-def _links(way: _Rotations, noise: Array, change: Array, by_earth: Array) -> Links:
-    """Return the links, with derivatives by the coefficients, the delay and the earth's rate.
-
-    The rotations contain the `change` of coefficients and delay; the links refer to their start.
-    """
-    count = len(way.matrix)
-    by_delay = (way.matrix.mT @ way.rate[:-1, :, None])[..., 0] - way.rate[1:]
-    own = np.concatenate([way.by_coefficient, by_delay[..., None]], axis=2)
-    covariance = np.mean(noise**2) * way.seconds[:, None, None] * np.eye(3)
-    return Links(
-        np.arange(count),
-        way.matrix @ exp_so3(-own @ change),
-        covariance,
-        np.concatenate([own, by_earth], axis=2),
-        np.zeros(count, dtype=bool),
-    )
-
-
-def _estimate(gyros: Sensor, field: Sensor, found: FieldFit, start: Array) -> Estimate:
-    """Return gyros, magnetometers, strength of the field and delay as one estimate."""
-    g, q = len(start), len(found.correction)
-    value = np.concatenate([start + found.correction[:g], found.value, found.correction[g : g + 1]])
-    joint = np.block([[found.known_covariance, found.cross.T], [found.cross, found.covariance]])
-    order = [*range(g), *range(q, len(joint)), g]
-    names = (*gyros.coefficients, *found.names, DELAY)
-    wanted = (*gyros.coefficients, *field.coefficients)
-    return Estimate(
-        names=names,
-        value=value,
-        covariance=joint[np.ix_(order, order)],
-        chi2=np.array(found.chi2),
-        dof=found.dof,
-        wanted=wanted,
-        rank=len(wanted),
-        singular_values=found.singular_values,
-        converged=np.array(found.converged),
-        iterations=np.array(found.iterations),
-        groups=(field_group(found),),
-        notes=(*found.notes, *inhomogeneity_note(found)),
-        scoring=LazyValue(lambda: tests_of_field(found, g, len(names))),
-    )
+    least = white * np.diff(time) * np.diff(track.time).min()
+    return between, np.maximum(np.trace(between.noise, axis1=1, axis2=2) / 3, least)
 
 
 METHOD = Method(

@@ -250,18 +250,24 @@ def fast_lio_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
 
 
 def ros_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
-    """Return covariances for sensor_msgs/Imu, N²/Δ for each axis, and continuous-time densities.
+    """Return covariances, N²/Δ for each axis, and continuous-time densities.
+
+    They are those of sensor_msgs/Imu, and of sensor_msgs/MagneticField if there are magnetometers.
 
     Raises
     ------
     InputError
         The axes of one kind of sensor have no white noise, or there is no sampling rate.
     """
-    lines = [f"{_MARK}: ROS sensor_msgs/Imu, of {noise.source}"]
+    messages = "sensor_msgs/Imu"
     names: dict[SensorKind, tuple[str, str]] = {
         "gyro": ("angular_velocity", "gyroscope"),
         "accelerometer": ("linear_acceleration", "accelerometer"),
     }
+    if "magnetometer" in noise.triads:
+        messages += " and sensor_msgs/MagneticField"
+        names["magnetometer"] = "magnetic_field", "magnetometer"
+    lines = [f"{_MARK}: ROS {messages}, of {noise.source}"]
     for quantity, (field, prefix) in names.items():
         triad = noise.triads.get(quantity)
         if triad is None:

@@ -3,6 +3,7 @@
 from inercal.basics.units import si_factor
 
 EARTH_FIELD = (22e-6, 67e-6)  # T, over all places on Earth (World Magnetic Model 2025)
+POSSIBLE_FIELD = (10e-6, 200e-6)  # T; indoors, iron changes the field of the Earth
 _UNITS = ("T", "mT", "µT", "nT", "gauss", "mG")
 
 

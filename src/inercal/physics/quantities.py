@@ -49,6 +49,11 @@ class Quantity:
     bias: str
     scale: str
 
+    @property
+    def letter(self) -> str:
+        """The first letter of the names of axes, such as "a" of "ax"."""
+        return self.sensor[0]
+
 
 SPECIFIC_FORCE = Quantity(
     symbol="f",

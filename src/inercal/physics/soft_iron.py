@@ -6,7 +6,7 @@ the axes with signs, and R is a rotation by less than 90°: the sensor's frame i
 then the axes are exchanged. Q is a reflection if the axes are left-handed, and so is Π.
 """
 
-from itertools import permutations
+from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,16 @@ from inercal.basics.arrays import Array
 from inercal.physics.frames import log_so3
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
+
+TURNS_OF_CUBE = np.array(
+    [
+        mat
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+        if np.linalg.det(mat := np.eye(3)[list(order)] * np.array(signs)[:, None]) > 0
+    ]
+)
+"""The 24 rotations that exchange and reverse axes, (24, 3, 3)."""
 
 
 class SoftIron(NamedTuple):
@@ -46,7 +56,18 @@ def split_matrix(matrix: Array) -> SoftIron:
     """Split an invertible D, (3, 3)."""
     u, s, vh = np.linalg.svd(matrix)
     q = u @ vh
-    order = max(permutations(range(3)), key=lambda one: float(np.abs(q[range(3), one]).sum()))
-    axes = np.zeros((3, 3))
-    axes[range(3), order] = np.sign(q[range(3), order])
+    axes = nearest_axes(q)
     return SoftIron(matrix, (u * s) @ u.T, axes, log_so3(axes.T @ q))
+
+
+def nearest_axes(rows: Array) -> Array:
+    """Return the permutation of the axes with signs that is nearest to unit vectors, (3, 3)."""
+    order = max(permutations(range(3)), key=lambda one: float(np.abs(rows[range(3), one]).sum()))
+    axes = np.zeros((3, 3))
+    axes[range(3), order] = np.sign(rows[range(3), order])
+    return axes
+
+
+def axis_names(rows: Array) -> list[str]:
+    """Return the names of directions along the axes, (k, 3), such as "-x"."""
+    return ["-" * bool(row.sum() < 0) + "xyz"[int(np.abs(row).argmax())] for row in rows]

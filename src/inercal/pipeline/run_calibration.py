@@ -37,7 +37,11 @@ from inercal.pipeline.stated_values import (
     gravity_notes,
     require_small_assumed_share,
 )
-from inercal.pipeline.temperature_fit import fit_over_temperatures, with_common_errors
+from inercal.pipeline.temperature_fit import (
+    fit_over_temperatures,
+    with_common_errors,
+    with_magnetometers,
+)
 from inercal.recordings import Finding, merge_findings
 from inercal.recordings.data import EstimatorInput
 from inercal.recordings.io.rest_norm import check_zero_rates
@@ -147,16 +151,14 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) ->
         noise_dof=estimate.noise_dof if observations.track is not None else observations.dof,
         noise_channels=len(sensor.axes),
     )
-    if run.magnetometer is not None and run.method.add_magnetometers is not None:
-        try:
-            estimate, of_field = run.method.add_magnetometers(
-                replace(fit, estimate=estimate), run.magnetometer
-            )
-        except (InputError, NotObserved) as error:
-            raise error.located(run.path) from None
-        findings += of_field.findings
-        conditions = {**remarks.conditions, **of_field.conditions}
-        remarks = remarks._replace(conditions=conditions)
+    try:
+        run, estimate, of_field, thermal = with_magnetometers(
+            run, replace(fit, estimate=estimate), thermal
+        )
+    except (InputError, NotObserved) as error:
+        raise error.located(run.path) from None
+    findings += of_field.findings
+    remarks = remarks._replace(conditions={**remarks.conditions, **of_field.conditions})
     return FittedRun(
         stated,
         run,

@@ -54,7 +54,7 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
     InputError
         If the sampling rate is missing, or [sensor.truth] contains an unknown coefficient.
     """
-    run = _with_all_axes(run if isinstance(run, Run) else read(run))
+    run = (run if isinstance(run, Run) else read(run)).with_all_axes
     return _simulate_run(run, np.random.default_rng(seed), seed, trials)[0]
 
 
@@ -77,7 +77,7 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
     InputError
         See `simulate`.
     """
-    run = _with_all_axes(run if isinstance(run, Run) else read(run))
+    run = (run if isinstance(run, Run) else read(run)).with_all_axes
     if run.data.file in run.data.further_files().values():
         raise InputError(
             f"{run.path}: [data] names {run.data.file} twice, but a simulation needs two separate "
@@ -91,15 +91,6 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
     for name, further in run.kind.files(run, done, rng).items():
         files[name] = replace(further, source=recording.source, simulation=recording.simulation)
     return files
-
-
-def _with_all_axes(run: Run) -> Run:
-    """Return the run with the magnetometers among the other axes."""
-    if run.magnetometer is not None and run.environment is not None:
-        raise key_error(
-            "[environment]", "a simulation of magnetometers has no chamber; remove it", run.path
-        )
-    return run.with_all_axes
 
 
 def _simulate_run(
@@ -191,7 +182,7 @@ def _stated_labels(run: Run, labels: NDArray[np.str_]) -> NDArray[np.str_]:
 
 def apply_data_columns(run: Run, recording: Recording) -> Recording:
     """Convert a recording to the columns and times that [data] states, for writing to a file."""
-    run = _with_all_axes(run)
+    run = run.with_all_axes
     if is_pattern(run.file(run.data.file)):
         raise key_error(
             "[data] file", "a simulation writes one file; give its name without a star", run.path

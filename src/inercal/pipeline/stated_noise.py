@@ -31,7 +31,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import ObservationName
 from inercal.basics.units import format_number, format_value_and_uncertainty, si_factor
 from inercal.estimation import Estimate
-from inercal.estimation.noise_scale import noise_scale
+from inercal.estimation.noise_scale import LEAST_RATIO, LEVEL, noise_scale
 from inercal.physics.plan import Rotation, Spin, Step, Turn
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
@@ -39,8 +39,6 @@ from inercal.recordings import Finding, Observations, Severity
 
 _LARGE_RATIO = 2.0  # ratio of noise above which unit or scale is doubtful
 _SEEN = 0.5  # of a rounding step; rounding hides smaller noise
-_LEAST_RATIO = 1.3  # stated over observed; less is harmless, and 1.5 times always exceeds it
-_LEVEL = 1e-3  # significance level for all comparisons of a run together
 
 
 class _Comparison(NamedTuple):
@@ -85,18 +83,18 @@ def stated_noise_findings(
         (
             ratio
             for ratio, chi2, dof in whole
-            if len(whole) * float(scipy.special.chdtr(dof, chi2)) < _LEVEL
+            if len(whole) * float(scipy.special.chdtr(dof, chi2)) < LEVEL
         ),
         default=1.0,
     )
     if recorded:
-        severe = small >= _LEAST_RATIO
+        severe = small >= LEAST_RATIO
         found = tuple(_recorded_noise(observations, sensor, steps, by_hand, severe))
     elif estimate.groups:
-        found = (_means_finding("means", small),) if small >= _LEAST_RATIO else ()
+        found = (_means_finding("means", small),) if small >= LEAST_RATIO else ()
     else:
         found = tuple(_noise_of_means(estimate, sensor))
-    if not found and small >= _LEAST_RATIO and not (estimate.groups and recorded):
+    if not found and small >= LEAST_RATIO and not (estimate.groups and recorded):
         text = (
             f"the residuals are {small:.2g} times smaller than the stated noise and bench "
             "imply: U is too large"
@@ -173,9 +171,7 @@ def _most_significant(low: Array, dof: float) -> _Comparison | None:
         _Comparison(mean**-0.5, worst, _smaller(mean, m * dof)),
     ]
     kept = [
-        one
-        for one in compared
-        if len(compared) * one.p_value < _LEVEL and one.ratio >= _LEAST_RATIO
+        one for one in compared if len(compared) * one.p_value < LEVEL and one.ratio >= LEAST_RATIO
     ]
     return min(kept, key=lambda one: one.p_value, default=None)
 
@@ -199,8 +195,8 @@ def _noise_of_means(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
     for kind, quantity in QUANTITIES.items():
         if not np.any(kinds == kind):
             continue
-        found = noise_scale(rows, kinds == kind, _LEVEL)
-        if found is not None and found.ratio >= _LEAST_RATIO:
+        found = noise_scale(rows, kinds == kind, LEVEL)
+        if found is not None and found.ratio >= LEAST_RATIO:
             yield _means_finding(quantity.sensor, found.ratio)
 
 

@@ -10,6 +10,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import ZERO_CELSIUS, format_quantity
 from inercal.estimation import Estimate
+from inercal.methods import Fit, Remarks
 from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Axis, Sensor
@@ -83,7 +85,7 @@ class TemperatureFit:
     ----------
     soaks : (s,) array
         Temperatures of the soaks in order, K; empty for a ramp.
-    orders : mapping of "f" or "w" to Orders
+    orders : mapping of "f", "w" or "m" to Orders
         Orders that were used; empty if no orders were stated or tested.
     tests : tuple of OrderTest
         All orders that were compared.
@@ -135,6 +137,7 @@ class TemperatureFit:
         lines: list[str] = []
         for kind, orders in self.orders.items():
             by = "by AIC" if any(one.kind == kind for one in self.tests) else "as stated"
+            by += ", linear terms only" if kind == "m" else ""
             lines.append(
                 f"temperature orders of {QUANTITIES[kind].sensors}, {by}: bias {orders[0]}, "
                 "scale factor "
@@ -242,6 +245,33 @@ def fit_over_temperatures(
     return run, replace(inputs, observations=observations), found
 
 
+def with_magnetometers(
+    run: Run, fit: Fit[Any, Any], thermal: TemperatureFit | None
+) -> tuple[Run, Estimate, Remarks, TemperatureFit | None]:
+    """Add the magnetometers to a fit, with the orders in temperature that the run states or tests.
+
+    Raises
+    ------
+    InputError or NotObserved
+        See `AddMagnetometers`.
+    """
+    field, add = run.magnetometer, run.method.add_magnetometers
+    if field is None or add is None:
+        return run, fit.estimate, Remarks(), thermal
+    estimate, remarks = add(fit, field)
+    if thermal is None or run.temperature_order is None:
+        return run, estimate, remarks, thermal
+    tests: tuple[OrderTest, ...] = ()
+    if run.temperature_order == "auto":
+        chosen, tests = choose_orders(estimate, field)
+        if chosen.coefficients != field.coefficients:
+            field, (estimate, remarks) = chosen, add(fit, chosen)
+    orders = {**thermal.orders, **used_orders(field)}
+    thermal = replace(thermal, orders=orders, tests=(*thermal.tests, *tests))
+    notes = tuple(dict.fromkeys((*estimate.notes, *thermal.notes)))
+    return replace(run, magnetometer=field), replace(estimate, notes=notes), remarks, thermal
+
+
 def _orders_of(run: Run) -> dict[Measures, Orders]:
     """Return the orders in use, by kind of axes; empty if no orders were stated or tested."""
     return {} if run.temperature_order is None else used_orders(run.sensor)
@@ -305,7 +335,7 @@ def _require_temperatures(run: Run, observations: Observations) -> None:
     kelvin = (
         observations.temperature if observations.track is None else observations.track.temperature
     )
-    names = ", ".join(n for n in run.sensor.coefficients if "_dT" in n)
+    names = ", ".join(n for n in run.whole_sensor.coefficients if "_dT" in n)
     if kelvin is None:
         raise key_error(
             "[data] temperature",

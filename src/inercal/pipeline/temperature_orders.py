@@ -14,7 +14,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.estimation import Estimate
-from inercal.physics.quantities import Measures
+from inercal.physics.quantities import KINDS, Measures
 from inercal.physics.sensors import Sensor
 from inercal.runfile.environment_section import MAX_ORDERS, order_terms, orders_of_terms
 
@@ -48,8 +48,7 @@ def with_orders(sensor: Sensor, orders: Mapping[Measures, Sequence[int]]) -> Sen
 def used_orders(sensor: Sensor) -> dict[Measures, Orders]:
     """Return the highest orders of bias, scale factor and misalignment by kind of axes."""
     result: dict[Measures, Orders] = {}
-    kinds: tuple[Measures, ...] = ("f", "w")
-    for kind in kinds:
+    for kind in KINDS:
         if all(axis.measures != kind for axis in sensor.axes):
             continue
         own = sensor.select_axes(kind).coefficients
@@ -65,14 +64,14 @@ def choose_orders(estimate: Estimate, sensor: Sensor) -> tuple[Sensor, tuple[Ord
     estimate : Estimate
         Estimate from one trial, with the highest orders.
     sensor : Sensor
-        Sensor with the coefficients of the estimate.
+        Sensor whose coefficients are among those of the estimate.
     """
     names, chosen, tests = sensor.coefficients, sensor, list[OrderTest]()
     for kind, most in used_orders(sensor).items():
         compared: list[tuple[float, Orders, float]] = []
         for orders in product(*(range(n + 1) for n in most)):
             kept = with_orders(sensor, {kind: orders}).coefficients
-            dropped = [k for k, name in enumerate(names) if name not in kept]
+            dropped = [estimate.names.index(name) for name in names if name not in kept]
             theta = estimate.value[dropped]
             lost = float(theta @ _solve(estimate, dropped, theta))
             ratio = (float(estimate.chi2) + lost) / max(estimate.dof + len(dropped), 1)

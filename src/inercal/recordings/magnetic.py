@@ -80,14 +80,7 @@ class MagneticReadings:
         """Return the rests in some rows of the observations, without the pieces of motion."""
         place = {row: k for k, row in enumerate(kept)}
         at = [k for k, row in enumerate(self.rest.tolist()) if row in place]
-        t = self.temperature
-        return replace(
-            self,
-            rest=np.array([place[int(self.rest[k])] for k in at], dtype=np.int64),
-            mean=self.mean[at],
-            covariance=self.covariance[at],
-            time=self.time[at],
-            samples=self.samples[at],
-            temperature=None if t is None else t[at],
-            pieces=None,
-        )
+        rest = np.array([place[int(self.rest[k])] for k in at], dtype=np.int64)
+        names = ("mean", "covariance", "time", "samples", "temperature")
+        own = {name: getattr(self, name)[at] for name in names if getattr(self, name) is not None}
+        return replace(self, rest=rest, pieces=None, **own)

@@ -20,7 +20,7 @@ from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.magnetic_heading import level_attitudes
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0
-from inercal.physics.soft_iron import field_matrix, split_matrix
+from inercal.physics.soft_iron import axis_names, field_matrix, split_matrix
 from inercal.pipeline import Outcome
 from inercal.pipeline.outcome import true_coefficients
 
@@ -154,10 +154,9 @@ def _field_groups(outcome: Outcome) -> list[AxisGroup]:
     values, by = value_and_jacobian(parts, calibration.values, calibration.covariance)
     sd = np.sqrt(np.einsum("ij,jk,ik->i", by, calibration.covariance, by))
     axes = split_matrix(field_matrix(sensor, calibration.values)).axes
-    signs = {1.0: "", -1.0: "−"}
     along = ", ".join(
-        f"{sensor.axes[k].name} along {signs[row.sum()]}{'xyz'[int(np.abs(row).argmax())]}"
-        for k, row in zip(own, axes, strict=True)
+        f"{sensor.axes[k].name} along {name.replace('-', '−')}"
+        for k, name in zip(own, axis_names(axes), strict=True)
     )
     pairs = [(i, j) for i in range(3) for j in range(i + 1)]
     names = [("D", sensor.axes[k].name, "xyz"[j], "reading per field", "1")

@@ -37,6 +37,7 @@ _TERMS = {
         (("scale_dT",), ("scale_dT2",)),
         (("delta_o_dT", "delta_p_dT"),),
     ),
+    "m": ((("bias_dT",),), (("scale_dT",),), ()),
 }
 
 
@@ -45,7 +46,7 @@ def order_terms(kind: str, orders: Sequence[int]) -> tuple[str, ...]:
 
     Parameters
     ----------
-    kind : "f" or "w"
+    kind : "f", "w" or "m"
     orders : sequence of 3 int
         Orders of bias, scale factor and misalignment.
     """
@@ -58,7 +59,7 @@ def orders_of_terms(kind: str, terms: Collection[str]) -> tuple[int, int, int]:
 
     Parameters
     ----------
-    kind : "f" or "w"
+    kind : "f", "w" or "m"
     terms : collection of str
         Short names of terms; only temperature terms are considered.
     """
@@ -138,8 +139,8 @@ def _require_estimated(
 ) -> None:
     """Raise an error if the method cannot estimate a requested order in temperature.
 
-    If the method does not estimate a quantity for accelerometers at all, only the gyros are
-    checked, and vice versa.
+    If the method does not estimate a quantity for one kind of axes at all, only the others are
+    checked. Magnetometers have linear terms only, so beside other axes they are not checked.
     """
     measures = {axis.name: axis.measures for axis in sensor.axes}
     terms = {kind: set[str]() for kind in measures.values()}
@@ -156,7 +157,8 @@ def _require_estimated(
                 f"give order 0 for it",
             )
         for kind, most in found.items():
-            if 0 < most < order:
+            beside = kind == "m" and any(found[other] for other in found if other != kind)
+            if 0 < most < order and not beside:
                 raise key_error(
                     key,
                     f"the method estimates the {quantity} of {QUANTITIES[kind].sensors} up to "
@@ -191,6 +193,13 @@ def stated_environment(
         )
     if section is None:
         return None
+    if schema.sensor.magnetometer is not None:
+        raise InputError(
+            "[environment]: errors that the rows of a soak or a ramp share are not included for "
+            "magnetometers; remove [environment], so that recorded temperatures are taken as "
+            "exact, or remove [sensor.magnetometer]",
+            key="[environment]",
+        )
     _require_used(section, schema, sensor, chosen)
     lag = _stated_lag(section, chosen)
     profile = ChamberProfile(

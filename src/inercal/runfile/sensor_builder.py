@@ -12,7 +12,11 @@ from inercal.recordings.data import DataSection
 from inercal.runfile.schema import ReadoutSection, SensorSection
 
 READING_UNITS = {one.sensor: one.unit for one in QUANTITIES.values()}
-_EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)", "magnetometer": "6.67 {}/µT"}
+SCALE_EXAMPLES = {
+    "accelerometer": "2048 {}/g",
+    "gyro": "16.4 {}/(°/s)",
+    "magnetometer": "6.67 {}/µT",
+}
 Parts = Callable[..., Sensor]
 
 
@@ -94,7 +98,7 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
     elif section.scale is None:
         raise InputError(
             f"{key} scale is missing: unit {section.unit} needs the nominal scale factor, such as "
-            f'scale = "{_EXAMPLE[kind].format(section.unit)}"',
+            f'scale = "{SCALE_EXAMPLES[kind].format(section.unit)}"',
             key=f"{key} scale",
         )
     else:

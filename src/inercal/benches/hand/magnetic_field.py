@@ -4,10 +4,9 @@ import re
 from math import pi
 
 from inercal.basics.units import Measured
-from inercal.physics.magnetic_units import EARTH_FIELD, unit_hint
+from inercal.physics.magnetic_units import EARTH_FIELD, POSSIBLE_FIELD, unit_hint
 from inercal.physics.section_settings import key_error, measured_constant
 
-_POSSIBLE = (10e-6, 200e-6)  # T; indoors, iron changes the field of the Earth
 _NUMBER = re.compile(r"\s*[+-]?\d+(\.\d*)?([eE][+-]?\d+)?")
 _MOST = 0.2  # largest relative uncertainty; a less certain strength is of no use
 _CLEAR = 3.0  # standard uncertainties
@@ -26,7 +25,7 @@ def stated_field(text: str | None) -> Measured | None:
     key = "[bench] field"
     field = measured_constant(text, "T", key)
     low, high = (f"{1e6 * end:.0f}" for end in EARTH_FIELD)
-    if not _POSSIBLE[0] <= field.value <= _POSSIBLE[1]:
+    if not POSSIBLE_FIELD[0] <= field.value <= POSSIBLE_FIELD[1]:
         number = _NUMBER.match(text)
         hint = unit_hint(abs(float(number[0]))) if number else ""
         raise key_error(

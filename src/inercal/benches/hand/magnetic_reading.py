@@ -7,10 +7,10 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_number
-from inercal.physics.magnetic_units import unit_hint
+from inercal.physics.magnetic_units import POSSIBLE_FIELD, unit_hint
 from inercal.physics.plan import HandStep, Hold
 from inercal.physics.section_settings import key_error
-from inercal.physics.sensors import Sensor, output_unit
+from inercal.physics.sensors import output_unit
 from inercal.recordings import Finding, Mark, Observations, Recording
 from inercal.recordings.data import RestsSection, RunBase
 from inercal.recordings.data.recording_loader import (
@@ -24,8 +24,6 @@ from inercal.recordings.io.mean_tables import read_means
 from inercal.recordings.magnetic import MagneticReadings
 from inercal.recordings.segments.gravity_turns import sphere
 from inercal.recordings.segments.magnetic_means import average_magnetometers, average_pieces
-
-_POSSIBLE = (10e-6, 200e-6)  # T, radius of the readings
 
 
 def with_magnetometers(
@@ -74,7 +72,7 @@ def with_magnetometers(
         if moves is not None:
             found = replace(found, pieces=average_pieces(own, sensor, moves, run.sensor))
         findings = tuple(one for one in (*own.findings, *lost) if one not in recording.findings)
-    _require_earth_field(run, sensor, found)
+    require_earth_field(run, found)
     return replace(observations, magnetic=found), findings
 
 
@@ -101,10 +99,8 @@ def _means_in_table(run: RunBase[RestsSection], steps: Sequence[HandStep]) -> Ma
     )
 
 
-def _require_earth_field(
-    run: RunBase[RestsSection], sensor: Sensor, found: MagneticReadings
-) -> None:
-    """Refuse readings in a wrong unit: those in another unit fit the field of the Earth.
+def require_earth_field(run: RunBase[RestsSection], found: MagneticReadings) -> None:
+    """Refuse readings in a wrong unit, in which the field of the Earth is impossible.
 
     Readings in counts are not judged, because their scale is only nominal.
 
@@ -112,20 +108,25 @@ def _require_earth_field(
     ------
     InputError
     """
-    readout = sensor.axes[0].readout
-    _, radius = sphere(found.mean)
+    sensor = run.magnetometer
+    assert sensor is not None
+    readout, readings = sensor.axes[0].readout, np.concatenate(found.parts)
+    _, radius = sphere(readings)
     if output_unit(readout.unit) is not None or radius is None:
         return
-    wide = np.sort(np.ptp(found.mean, axis=0))[1] > radius  # else the radius is not certain
-    if not wide or _POSSIBLE[0] <= radius <= _POSSIBLE[1]:
+    wide = np.sort(np.ptp(readings, axis=0))[1] > radius  # else the radius is not certain
+    if not wide or POSSIBLE_FIELD[0] <= radius <= POSSIBLE_FIELD[1]:
         return
     read = radius * abs(readout.scale)
-    if hint := unit_hint(read):
-        raise InputError(
-            f"{run.file(run.data.file)}: the magnetometers read {format_number(read, 3)} "
-            f"{readout.unit}, but the Earth's field is 22 to 67 µT{hint}: check [sensor."
-            "magnetometer] unit",
-            file=run.file(run.data.file),
-            key="[sensor.magnetometer] unit",
-            names=sensor.channels,
-        )
+    hint = unit_hint(read) or (
+        f'; counts look like this: state unit = "LSB" and scale = "{read / 50:.3g} LSB/µT", or the '
+        "scale of the data sheet"
+    )
+    raise InputError(
+        f"{run.file(run.data.file)}: the magnetometers read {format_number(read, 3)} "
+        f"{readout.unit}, but the Earth's field is 22 to 67 µT{hint}: check [sensor."
+        "magnetometer] unit",
+        file=run.file(run.data.file),
+        key="[sensor.magnetometer] unit",
+        names=sensor.channels,
+    )

@@ -10,7 +10,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.hand.axes_check import check_axes, explain_norm, positions_note
 from inercal.benches.hand.bench import Hand
-from inercal.benches.hand.magnetic_reading import with_magnetometers
+from inercal.benches.hand.magnetic_reading import require_earth_field, with_magnetometers
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
@@ -102,6 +102,7 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
     if run.magnetometer is not None:
         own = load_magnetometers(run)
         magnetic = magnetic_samples(own, run.magnetometer)
+        require_earth_field(run, magnetic)
         findings += tuple(one for one in own.findings if one not in findings)
     observations = Observations(
         labels=(step.label,),

@@ -14,6 +14,7 @@ FusionModel.h of xioTechnologies/Fusion (MIT). All were described in words.
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,6 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
-from inercal.export.model import Triad
 from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
@@ -37,25 +37,25 @@ _EXPMFS = TargetOption("expmfs", "expected field strength of magcal, in the unit
 _FIELD = TargetOption("field", "strength of the field there, such as '48.6 uT'", like="T")
 
 
-def _in_output_units(triad: Triad) -> tuple[Array, Array]:
-    """Return S, (3, 3), and the offset, (3,), for readings and results in output units."""
-    return triad.scale[0] * triad.correction / triad.scale, triad.offset + triad.scale * triad.bias
-
-
 def _rendering(
     request: Request,
-    matrix: Array,
-    offset: Array,
-    write: Callable[[Sequence[str]], str],
+    target: str,
+    rounded: Callable[[Array], Array],
+    write: Callable[[Array, Array, Sequence[str]], str],
     formula: str,
     remark: str,
 ) -> Rendering:
-    """Return the rendering of a file in output units, with its numbers as written."""
-    triad = request.model.require("m", "this target")
+    """Return the rendering of a file in output units, with its numbers as written.
+
+    `write` makes the text of S, the offset and the lines of explanation.
+    """
+    triad = request.model.require("m", target)
     scale = float(triad.scale[0])
+    matrix = rounded(scale * triad.correction / triad.scale)
+    offset = rounded(triad.offset + triad.scale * triad.bias)
     return Rendering(
         lambda y, dT: (request.model.outputs(y) - offset) @ matrix.T / scale,
-        write,
+        partial(write, matrix, offset),
         (formula,),
         shared.output_text(triad),
         (f"the result is in the unit of the readings: {scale:.9g} {triad.unit} are 1 T", remark),
@@ -63,53 +63,44 @@ def _rendering(
     )
 
 
+def _magcal_text(matrix: Array, offset: Array, header: Sequence[str]) -> str:
+    content = {"comment": "\n".join(header), "A": matrix.T.tolist(), "b": offset.tolist()}
+    return json.dumps(content, indent=1) + "\n"
+
+
 def _render_magcal(request: Request) -> Rendering:
-    matrix, offset = _in_output_units(request.model.require("m", "magcal"))
-
-    def write(header: Sequence[str]) -> str:
-        content = {"comment": "\n".join(header), "A": matrix.T.tolist(), "b": offset.tolist()}
-        return json.dumps(content, indent=1) + "\n"
-
-    return _rendering(
-        request,
-        matrix,
-        offset,
-        write,
-        "C = (m - b) A, m and b are rows",
+    remark = (
         "in MATLAB: c = jsondecode(fileread(file)); C = (m - c.b') * c.A; expmfs is the strength "
-        "of the field in the unit of the readings",
+        "of the field in the unit of the readings"
     )
+    formula = "C = (m - b) A, m and b are rows"
+    return _rendering(request, "magcal", np.asarray, _magcal_text, formula, remark)
 
 
-def _render_fusion(request: Request) -> Rendering:
-    triad = request.model.require("m", "fusion")
-    soft, hard = (shared.single(x) for x in _in_output_units(triad))
+def _fusion_text(soft: Array, hard: Array, header: Sequence[str]) -> str:
     elements = [
         f".element.{a}{b} = {literal(float(soft[i, j]))}"
         for i, a in enumerate("xyz")
         for j, b in enumerate("xyz")
     ]
     axes = [f".axis.{a} = {literal(float(x))}" for a, x in zip("xyz", hard, strict=True)]
+    comment = "".join(f" * {line}".rstrip() + "\n" for line in header)
+    lines = [
+        "static const FusionMatrix softIronMatrix = {",
+        *(f"    {element}," for element in elements),
+        "};",
+        f"static const FusionVector hardIronOffset = {{{', '.join(axes)}}};",
+    ]
+    return f"/*\n{comment} */\n" + "\n".join(lines) + "\n"
 
-    def write(header: Sequence[str]) -> str:
-        comment = "".join(f" * {line}".rstrip() + "\n" for line in header)
-        lines = [
-            "static const FusionMatrix softIronMatrix = {",
-            *(f"    {element}," for element in elements),
-            "};",
-            f"static const FusionVector hardIronOffset = {{{', '.join(axes)}}};",
-        ]
-        return f"/*\n{comment} */\n" + "\n".join(lines) + "\n"
 
-    return _rendering(
-        request,
-        soft,
-        hard,
-        write,
-        "m = softIronMatrix (raw - hardIronOffset)",
+def _render_fusion(request: Request) -> Rendering:
+    remark = (
         "pass both to FusionModelMagnetic, or to FusionCalibrationMagnetic of older versions; "
-        "include FusionMath.h first",
+        "include FusionMath.h first"
     )
+    formula = "m = softIronMatrix (raw - hardIronOffset)"
+    return _rendering(request, "fusion", shared.single, _fusion_text, formula, remark)
 
 
 def _render_ros(request: Request) -> Rendering:

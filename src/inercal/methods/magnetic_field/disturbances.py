@@ -79,7 +79,11 @@ def _candidates(fit: FieldFit, edges: Indices, spread: Array) -> Iterator[Candid
     """
     problem = fit.plain.problem
     labels, count = problem.nodes.labels, len(edges) - 1
-    ways = ("north", "west", "up") if len(problem.directions.node) else ("1", "2", "3")
+    ways = (
+        ("north", "west", "up")
+        if len(problem.directions.node)
+        else ("component 1", "component 2", "component 3")
+    )
     stretch = spread[: 3 * count].reshape(count, 3, -1)
     drift = spread[3 * count :]
     for k in range(2, count - 1):

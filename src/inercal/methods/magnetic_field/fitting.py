@@ -238,7 +238,8 @@ def _require_determined(solution: Solution, problem: FieldProblem) -> float:
         stated = solution.state._replace(coefficients=np.zeros(p))
         at_stated = solve(solution.problem, stated, most=0)
         clear = _null_directions(_information(at_stated))
-        raise _not_observed(chosen, clear if len(clear) else null)
+        moving = not len(problem.directions.node)
+        raise _not_observed(chosen, clear if len(clear) else null, moving=moving)
     if "dip" not in chosen:
         return np.inf
     return float(np.sqrt(np.linalg.inv(information)[chosen.index("dip"), chosen.index("dip")]))
@@ -249,15 +250,18 @@ def _null_directions(information: Array) -> Array:
     return row_echelon_form(vectors[:, values < 1 / _UNDETERMINED**2].T)
 
 
-def _not_observed(names: list[str], null: Array) -> NotObserved:
+def _not_observed(names: list[str], null: Array, *, moving: bool) -> NotObserved:
     """Return the error that names the directions `null` (k, f), in typical sizes."""
     null = np.where(np.abs(null) > _NEGLIGIBLE, null, 0.0)
     directions = [named_direction(names, row) for row in null]
     words = tuple(direction.words for direction in directions)
+    cause = "the attitudes do not"
+    remedy = "add rests at other attitudes, also upside down, and two azimuths or more of each face"
+    if moving:
+        cause, remedy = "the motion does not", "turn the sensor about all of its axes"
     return NotObserved(
-        f"the attitudes do not determine {format_count(len(words), 'combination')} of the"
-        f" magnetometer's coefficients: {'; '.join(words)}; add rests at other attitudes, with at"
-        " least two azimuths for each face and some upside down",
+        f"{cause} determine {format_count(len(words), 'combination')} of the magnetometer's"
+        f" coefficients: {'; '.join(words)}; {remedy}",
         words,
         names=tuple(name for name in names if any(name in one.weights for one in directions)),
     )

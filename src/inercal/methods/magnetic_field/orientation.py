@@ -5,17 +5,14 @@ The sign of the dip (the hemisphere) decides, or else the assumption that the ma
 right-handed relative to its stated axes. The other fact is then a test. A wrong sign of the
 accelerometers has the same effect as a reversed field.
 """
-# SciPy has no stubs.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
-# pyright: reportUnknownArgumentType=false
 
 import numpy as np
-import scipy.optimize
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.methods.magnetic_field.records import FieldConditions, LinearModel
 from inercal.methods.magnetic_field.rows import FieldState
+from inercal.physics.soft_iron import axis_names, nearest_axes
 
 _SURE = 3.0  # standard deviations of the dip, below which its sign is unknown
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
@@ -44,7 +41,8 @@ def oriented(
     if not right:
         state = _mirrored(model, state)
     hemisphere = "northern" if state.dip > 0 else "southern"
-    axes = nearest_axes(model, state)
+    turn = _relative_axes(model, state)
+    axes = nearest_axes(turn / np.linalg.norm(turn, axis=1, keepdims=True))
     if _determinant(model, state) < 0:
         raise InputError(
             f"in the {hemisphere} hemisphere, these data need a magnetometer that is left-handed"
@@ -67,16 +65,6 @@ def oriented(
     if not seen:
         return state, (f"{assumed}, because the field is too nearly horizontal to show it.",)
     return state, (f"{assumed}; they place the recording in the {hemisphere} hemisphere.",)
-
-
-def nearest_axes(model: LinearModel, state: FieldState) -> Array:
-    """Return the signed permutation nearest to D A₀⁻¹, (3, 3)."""
-    turn = _relative_axes(model, state)
-    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-    rows, columns = scipy.optimize.linear_sum_assignment(-np.abs(turn))
-    result = np.zeros((3, 3))
-    result[rows, columns] = np.sign(turn[rows, columns])
-    return result
 
 
 def _principal(state: FieldState) -> FieldState:
@@ -110,10 +98,8 @@ def _determinant(model: LinearModel, state: FieldState) -> float:
 def _axes_that_fit(model: LinearModel, axes: Array) -> str:
     """Return words for the axes that fit, if the stated axes are those of the body."""
     stated = model.nominal[:, :3] / np.linalg.norm(model.nominal[:, :3], axis=1, keepdims=True)
-    rows = np.round(axes @ stated, 6)
+    rows: Array = np.asarray(np.round(axes @ stated, 6), dtype=np.float64)
     if not np.all(np.isin(rows, (-1.0, 0.0, 1.0))):
         return ""
-    names = [
-        f'"{"-" if row.sum() < 0 else ""}{"xyz"[int(np.argmax(np.abs(row)))]}"' for row in rows
-    ]
-    return f"; axis = [{', '.join(names)}] fits"
+    names = ", ".join(f'"{name}"' for name in axis_names(rows))
+    return f"; axis = [{names}] fits"

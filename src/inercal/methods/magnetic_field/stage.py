@@ -13,15 +13,16 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import chdtr  # pyright: ignore[reportMissingTypeStubs]
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
-from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_number, format_quantity
 from inercal.benches import Hand
 from inercal.calibration.verdict import UNSEEN
 from inercal.estimation import Estimate, ResidualGroup, ScoreTestSet
 from inercal.estimation.lazy_value import LazyValue
+from inercal.estimation.noise_scale import LEAST_RATIO, LEVEL
 from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods import Fit, Remarks, temperature
@@ -36,12 +37,13 @@ from inercal.methods.magnetic_field.records import (
     Links,
 )
 from inercal.methods.residuals import norm_residuals
+from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.coefficient_tables import ErrorTerm
 from inercal.recordings import Finding, Observations
 from inercal.recordings.magnetic import MagneticReadings
 
 DELAY = "delay"
+STATED_NOISE = "the noise stated in [sensor.magnetometer]"
 _OWN = ("dip", "strength")
 _HEMISPHERES: dict[int, Hemisphere | None] = {1: "north", -1: "south", 0: None}
 _UNSEEN = (
@@ -93,12 +95,19 @@ def add_magnetometers(
     first = _grouped(fit.estimate, fit.observations)
     fit = replace(fit, estimate=first)
     found = _fit(fit, field, links)
-    whole = _joined(first, found, len(fit.sensor.coefficients))
-    return whole, field_remarks(whole, found)
+    whole, seen = joined(first, found, len(fit.sensor.coefficients)), _readings(fit)
+    stated = "[data.sd] magnetometer"
+    if seen.noise.any():
+        ratio = _stated_variances(fit, seen, field) / np.diagonal(seen.noise)
+        stated = STATED_NOISE * bool(np.any(ratio > LEAST_RATIO**2))
+    return whole, field_remarks(whole, found, stated)
 
 
-def field_remarks(estimate: Estimate, found: FieldFit) -> Remarks:
+def field_remarks(estimate: Estimate, found: FieldFit, stated: str) -> Remarks:
     """Return what no test can detect, with the field and the magnetometers' delay as conditions.
+
+    `stated` names the noise in the run file that exceeds that of the readings; "" if none does. It
+    is a finding if the residuals are too small for it.
 
     Raises
     ------
@@ -118,60 +127,62 @@ def field_remarks(estimate: Estimate, found: FieldFit) -> Remarks:
             sd = float(np.sqrt(estimate.covariance[k, k]))
             size = format_quantity(float(estimate.value[k]), COVERAGE * sd, unit)
             conditions[what] = f"{size} (k = {COVERAGE:g})"
-    return Remarks(tuple(Finding("note", UNSEEN, text) for text in unseen), conditions=conditions)
+    findings = [Finding("note", UNSEEN, text) for text in unseen]
+    small = chdtr(found.dof, found.chi2) < LEVEL and found.chi2 > 0
+    if stated and small and (ratio := (found.dof / found.chi2) ** 0.5) >= LEAST_RATIO:
+        text = (
+            f"the residuals of the magnetometers are {format_number(ratio, 2)} times smaller than "
+            f"{stated} implies; U is computed from it and is too large"
+        )
+        findings.append(Finding("warning", "noise", text, factor=ratio))
+    return Remarks(tuple(findings), conditions=conditions)
 
 
 def linear_model(field: Sensor) -> LinearModel:
     """Return the model of three magnetometers, whose names are the sensor's coefficients."""
-    axes = {axis.name: (k, axis.frame) for k, axis in enumerate(field.axes)}
-    if len(axes) != len("xyz"):
+    if len(field.axes) != len("xyz"):
         raise InputError(
-            f"sensor {field.name} has {len(axes)} magnetometer axes; three are needed, because one "
-            "or two do not determine the direction of the field",
+            f"sensor {field.name} has {len(field.axes)} magnetometer axes; three are needed, "
+            "because one or two do not determine the direction of the field",
             key="[data] magnetometer",
         )
-    nominal, directions = np.zeros((3, 4)), np.zeros((len(field.coefficients), 3, 4))
-    nominal[:, :3] = field.input_axes("m")
-    terms: list[ErrorTerm] = [field.coefficient(name) for name in field.coefficients]
-    for j, (name, term) in enumerate(zip(field.coefficients, terms, strict=True)):
-        k, frame = axes[CoefficientName(name).axis]
-        (product,) = term.basis.products
-        directions[j, k, 3] = product.factor
-        for row, component in zip(frame, ("mi", "mp", "mo"), strict=True):
-            if component in product.components:
-                directions[j, k] = (*(product.factor * row), 0.0)
-    powers = np.array([term.temperature_order for term in terms], dtype=np.int64)
-    return LinearModel(field.coefficients, nominal, directions, powers)
+    names, nominal = field.coefficients, np.pad(field.input_axes("m"), ((0, 0), (0, 1)))
+    points = np.eye(4)[:, :3]  # three fields of 1 T, and none
+    directions = field.design(Motion(0 * points, m=points, dT=1.0), np.zeros(len(names))).T.copy()
+    directions[..., :3] -= directions[..., 3:]
+    powers = np.array([field.coefficient(n).temperature_order for n in names], dtype=np.int64)
+    return LinearModel(names, nominal, directions, powers)
 
 
 def _fit(fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None) -> FieldFit:
     seen, labels = _readings(fit), fit.observations.labels
-    pieces = seen.pieces if links is not None else None
-    count, more = len(seen.rest), 0 if pieces is None else len(pieces.time)
-    none = np.full(count + more, -1)
-    time, rest, transition = np.zeros(count + more), none.copy(), none
-    time[:count], rest[:count] = seen.time, seen.rest
-    reading, covariance, kelvin = seen.mean, seen.covariance, seen.temperature
-    if pieces is not None:
-        time[count:], transition[count:] = pieces.time, pieces.transition
-        reading = np.concatenate([reading, pieces.mean])
-        covariance = np.concatenate([covariance, seen.noise / pieces.samples[:, None, None]])
-        if kelvin is not None and pieces.temperature is not None:
-            kelvin = np.concatenate([kelvin, pieces.temperature])
-    covariance = _with_stated_noise(covariance, _stated_variances(fit, seen, field), seen)
-    order = np.argsort(time, kind="stable")
-    at = NodeTimes(time[order], rest[order], transition[order])
+    pieces = None if links is None else seen.pieces
+    parts = (seen,) if pieces is None else (seen, pieces)
+    time, reading, samples = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("time", "mean", "samples")
+    )
+    order, count = np.argsort(time, kind="stable"), len(seen.rest)
+    more, rests = np.full(len(time) - count, -1), np.full(count, -1)
+    transition = rests if pieces is None else np.concatenate([rests, pieces.transition])
+    at = NodeTimes(time[order], np.concatenate([seen.rest, more])[order], transition[order])
+    covariance = np.concatenate([seen.covariance, seen.noise / samples[count:, None, None]])
+    # At least as large as the stated noise implies.
+    stated = _stated_variances(fit, seen, field) / samples[:, None]
+    lacking = stated - np.diagonal(covariance, axis1=1, axis2=2)
+    covariance += np.maximum(lacking, 0.0)[:, :, None] * np.eye(len("xyz"))
     rows: list[int] = at.rest.tolist()
     moments: list[float] = at.time.tolist()
     places = zip(rows, moments, strict=True)
+    warmth = [temperature_offsets(part.temperature, field, len(part.time)) for part in parts]
     nodes = FieldNodes(
         tuple(labels[row] if row >= 0 else f"{t:.2f} s" for row, t in places),
         reading[order],
         covariance[order],
         at.time,
-        temperature_offsets(kelvin, field, count + more)[order],
+        np.concatenate(warmth)[order],
     )
-    p, delayed = len(fit.sensor.coefficients), int(more > 0)
+    p, delayed = len(fit.sensor.coefficients), int(more.size > 0)
     known = np.zeros((p + delayed, p + delayed))
     known[:p, :p] = fit.estimate.covariance[:p, :p]
     known[p:, p:] = DELAY_SD**2
@@ -190,14 +201,6 @@ def _stated_variances(fit: Fit[Hand, Any], seen: MagneticReadings, field: Sensor
     rate = float(np.median(seen.samples / fit.observations.duration[seen.rest]))
     noises = [axis.noise for axis in field.axes]
     return np.array([noise.white**2 * rate + noise.quantisation**2 / 12 for noise in noises])
-
-
-def _with_stated_noise(covariance: Array, stated: Array, seen: MagneticReadings) -> Array:
-    """Return the covariance of each mean, at least as large as the stated noise implies."""
-    pieces = () if seen.pieces is None else seen.pieces.samples
-    count = np.concatenate([seen.samples, pieces])[: len(covariance), None]
-    lacking = stated / count - np.diagonal(covariance, axis1=1, axis2=2)
-    return covariance + np.maximum(lacking, 0.0)[:, :, None] * np.eye(len("xyz"))
 
 
 def temperature_offsets(kelvin: Array | None, field: Sensor, count: int) -> Array:
@@ -276,7 +279,7 @@ def _grouped(first: Estimate, observations: Observations) -> Estimate:
     return replace(first, covariance=first.stated_covariance, groups=(group,))
 
 
-def _joined(first: Estimate, found: FieldFit, p: int) -> Estimate:
+def joined(first: Estimate, found: FieldFit, p: int) -> Estimate:
     """Return both estimates as one; the first `p` parameters of `first` are the coefficients."""
     q, own = len(first.names), len(found.names) - sum(name in found.names for name in _OWN)
     known = first.covariance[:p, :p]
@@ -313,8 +316,8 @@ def _joined(first: Estimate, found: FieldFit, p: int) -> Estimate:
             ::-1
         ],
         converged=first.converged & found.converged,
-        groups=(*first.groups, field_group(found)),
-        notes=(*first.notes, *found.notes, *inhomogeneity_note(found)),
+        groups=(*first.groups, _field_group(found)),
+        notes=(*first.notes, *found.notes, *_inhomogeneity_note(found)),
         scoring=LazyValue(lambda: _joined_tests(first.score_tests, found, p, own, len(order))),
         sensitivities={
             name: np.concatenate([by, gain @ by[:p]])[order]
@@ -323,7 +326,7 @@ def _joined(first: Estimate, found: FieldFit, p: int) -> Estimate:
     )
 
 
-def field_group(found: FieldFit) -> ResidualGroup:
+def _field_group(found: FieldFit) -> ResidualGroup:
     """Return the readings of the magnetometers as a group with its own χ²."""
     nodes = found.plain.problem.nodes
     deviation = np.sqrt(np.diagonal(nodes.covariance, axis1=1, axis2=2))
@@ -339,19 +342,20 @@ def field_group(found: FieldFit) -> ResidualGroup:
     )
 
 
-def inhomogeneity_note(found: FieldFit) -> tuple[str, ...]:
+def _inhomogeneity_note(found: FieldFit) -> tuple[str, ...]:
     """Return a sentence on the inhomogeneity of the field, if there is any."""
     if not found.inhomogeneity:
         return ()
     low, high = inhomogeneity_interval(found)
+    where = "rests" if len(found.plain.problem.directions.node) else "samples"
     tau, low, high = (format_number(100 * one, 2) for one in (found.inhomogeneity, low, high))
     return (
-        f"The field differs between the rests by {tau} % in each component (95 % interval {low} to "
-        f"{high} %), which the uncertainties include.",
+        f"The field differs between the {where} by {tau} % in each component (95 % interval "
+        f"{low} to {high} %), which the uncertainties include.",
     )
 
 
-def tests_of_field(found: FieldFit, first: int, count: int) -> ScoreTestSet:
+def _tests_of_field(found: FieldFit, first: int, count: int) -> ScoreTestSet:
     """Return the tests of a fit, with shifts of `count` values; its own begin at `first`."""
     free = found.plain.problem.free
     own = np.flatnonzero(free < len(found.plain.problem.model.names))
@@ -366,7 +370,7 @@ def tests_of_field(found: FieldFit, first: int, count: int) -> ScoreTestSet:
 
 def _joined_tests(one: ScoreTestSet, found: FieldFit, p: int, own: int, count: int) -> ScoreTestSet:
     """Return the score tests of both fits; those of one do not explain residuals of the other."""
-    other = tests_of_field(found, p, count)
+    other = _tests_of_field(found, p, count)
     rows = 1 + max((int(s.explained.indices.max(initial=0)) for s in one.scores), default=0)
     depth, more = (
         max((s.explained.projection.size for s in part.scores), default=0) for part in (one, other)

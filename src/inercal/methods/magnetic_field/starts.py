@@ -16,25 +16,17 @@ constraint); Liu, Liu and Li 2014 (constant dip).
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 
 from collections.abc import Iterator
-from itertools import permutations, product
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.methods.magnetic_field.rows import FieldProblem, FieldState
 from inercal.physics.frames import exp_so3
+from inercal.physics.soft_iron import TURNS_OF_CUBE
 
 _FEW = 12  # upward directions, with which several turns must be tried
 _FLAT = 1e-9  # volume of axes that lie in a plane, relative to their cubed size
 _MOST_STRIDE = 100  # nodes between which rotations are compared
-_TURNS_OF_CUBE = np.array(
-    [
-        mat
-        for order in permutations(range(3))
-        for signs in product((1.0, -1.0), repeat=3)
-        if np.linalg.det(mat := np.eye(3)[list(order)] * np.array(signs)[:, None]) > 0
-    ]
-)
 
 
 def starts(problem: FieldProblem) -> list[FieldState]:
@@ -58,10 +50,10 @@ def _inverses(problem: FieldProblem, m: Array) -> Iterator[tuple[Array, Array]]:
         shapes.append(found)
     for inverse, c in shapes:
         unit = m[node] @ inverse.T - c
-        heights = np.einsum("ki,tij,kj->tk", up, _TURNS_OF_CUBE, unit)
+        heights = np.einsum("ki,tij,kj->tk", up, TURNS_OF_CUBE, unit)
         best = np.argsort(np.var(heights, axis=1))
         for k in best[: 6 if len(node) <= _FEW else 1]:
-            yield _TURNS_OF_CUBE[k] @ inverse, _TURNS_OF_CUBE[k] @ c
+            yield TURNS_OF_CUBE[k] @ inverse, TURNS_OF_CUBE[k] @ c
     if len(node) > 12:
         yield _constant_dip(m, m[node], up)
     if np.sum(~problem.links.about_up) > 4:
@@ -172,14 +164,11 @@ def _attitudes(problem: FieldProblem, unit: Array, dip: float) -> Array:
         near = np.eye(3) if float(unit[k] @ field) > -0.9 else np.diag([-1.0, 1.0, -1.0])
         result[k], done[k] = _along_field(near, unit[k], field), True
     links = problem.links
-    steps = list(zip(links.before.tolist(), links.rotation, strict=True))
-    for k, rotation in steps:
-        if done[k] and not done[k + 1]:
-            result[k + 1] = _along_field(result[k] @ rotation, unit[k + 1], field)
-            done[k + 1] = True
-    for k, rotation in reversed(steps):
-        if done[k + 1] and not done[k]:
-            result[k], done[k] = _along_field(result[k + 1] @ rotation.T, unit[k], field), True
+    steps = [(k, k + 1, r) for k, r in zip(links.before.tolist(), links.rotation, strict=True)]
+    for one, two, rotation in (*steps, *((k, j, r.T) for j, k, r in reversed(steps))):
+        if done[one] and not done[two]:
+            result[two] = _along_field(result[one] @ rotation, unit[two], field)
+            done[two] = True
     return result
 
 

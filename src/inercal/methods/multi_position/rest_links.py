@@ -9,7 +9,7 @@ removed. A delay τ of the magnetometers turns a piece by ω τ (ψ in the frame
 """
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from inercal.methods.magnetic_field.stage import NodeTimes
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model, transition_rotations
 from inercal.physics.frames import exp_so3
+from inercal.physics.sensors import Sensor
 from inercal.recordings import Transitions
 
 _RAMP = 2 / 3  # sum of the squared weights of a ramp, in half its samples
@@ -56,33 +57,58 @@ def rest_links(fit: Fit[Hand, Any], nodes: NodeTimes) -> Links | None:
         reached=np.where(last, way.reached[k], two),
         stop=np.where(last, way.stop[k], two),
     )
-    turns = transition_rotations(
-        parts,
-        sensor,
-        x[:p],
-        rests.rate_noise,
-        found.get("timebase", 0.0),
-        rests.transition_temperature_offsets,
-    )
-    model = inverse_model(sensor, x[:p])
-    rate = (way.output[sample] @ model.matrix.T + model.offset)[:, 3:]
-    rate[still] = 0.0
-    # From the nearest sample to the time of the node.
-    aside = rate * (nodes.time - way.time[sample])[:, None]
-    matrix = exp_so3(-aside[before]) @ turns.rotation.mT @ exp_so3(aside[before + 1])
-    back = exp_so3(-aside[before + 1])
-    direct = first & last
+    time = np.where(still, np.nan, nodes.time)
+    between = between_nodes(
+        parts, sensor, x[:p], rests.rate_noise, (time[before], time[before + 1]),
+        found.get("timebase", 0.0), rests.transition_temperature_offsets,
+    )  # fmt: skip
     earth = found.get("earth_up", rests.known_quantities[3].value) * parts.duration
-    matrix = _without_earth(matrix, earth, before, nodes.rest, rests.norms(x).up)
-    by_coefficient = back @ turns.coefficient_derivatives
-    delayed = (matrix.mT @ rate[before][..., None])[..., 0] - rate[before + 1]
-    derivative = np.concatenate([by_coefficient, delayed[..., None]], axis=2)
-    return Links(
-        before,
-        matrix,
-        _covariance(fit, rests, parts, turns.noise, turns.to_timebase, (first, last)),
-        derivative if not still.all() else by_coefficient,
-        direct,
+    matrix = _without_earth(between.matrix, earth, before, nodes.rest, rests.norms(x).up)
+    derivative = between._replace(matrix=matrix).derivative
+    covariance = _covariance(fit, rests, parts, between.noise, between.to_timebase, (first, last))
+    known = derivative[..., :p] if still.all() else derivative
+    return Links(before, matrix, covariance, known, first & last)
+
+
+class BetweenNodes(NamedTuple):
+    """The rotations of l links between nodes, whose times may be beside those of samples."""
+
+    matrix: Array  # (l, 3, 3), from the frame of the later node to that of the earlier one
+    by_coefficient: Array  # (l, 3, p), in the frame of the later node
+    rates: list[Array]  # (l, 3) at the earlier and at the later node, rad/s
+    noise: Array  # (l, 3, 3), covariance due to the white noise, rad²
+    to_timebase: Array  # (l, 3), as in `TransitionRotations`
+
+    @property
+    def derivative(self) -> Array:
+        """Derivatives by the coefficients and by the delay of the magnetometers, (l, 3, p + 1)."""
+        delayed = self.matrix.mT @ self.rates[0][..., None] - self.rates[1][..., None]
+        return np.concatenate([self.by_coefficient, delayed], axis=2)
+
+
+def between_nodes(
+    parts: Transitions, sensor: Sensor, c: Array, white: Array, ends: tuple[Array, Array],
+    timebase: float = 0.0, dT: Array | None = None,
+) -> BetweenNodes:  # fmt: skip
+    """Return the rotations between nodes near the samples `left` and `reached` of each part.
+
+    `ends` are the times of the nodes before and after, (l,) each, s, or NaN for a rest. The other
+    arguments are those of `transition_rotations`.
+    """
+    turns = transition_rotations(parts, sensor, c, white, timebase, dT)
+    model = inverse_model(sensor, c)
+    rates, aside = list[Array](), list[Array]()
+    for time, sample in zip(ends, (parts.left, parts.reached), strict=True):
+        rate = (parts.output[sample] @ model.matrix.T + model.offset)[:, 3:]
+        rates.append(np.where(np.isnan(time)[:, None], 0.0, rate))
+        aside.append(rates[-1] * np.nan_to_num(time - parts.time[sample])[:, None])
+    back = exp_so3(-aside[1])
+    return BetweenNodes(
+        exp_so3(-aside[0]) @ turns.rotation.mT @ back.mT,
+        back @ turns.coefficient_derivatives,
+        rates,
+        turns.noise,
+        turns.to_timebase,
     )
 
 

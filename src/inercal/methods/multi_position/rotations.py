@@ -75,7 +75,7 @@ def inverse_model(sensor: Sensor, c: Array, dT: float = 0.0) -> InverseModel:
     Parameters
     ----------
     sensor : Sensor
-        Accelerometers and gyros.
+        Accelerometers and gyros, or gyros only.
     c : (p,) array
         Coefficients in SI.
     dT : float
@@ -100,7 +100,8 @@ def inverse_models(sensor: Sensor, c: Array, dT: Array) -> InverseModel:
     )
     slope = np.broadcast_to(slope, (*at_rest.shape, 6))[:, 0]
     at_rest, at_rest_design = at_rest[:, 0], at_rest_design[:, 0]
-    if (np.linalg.matrix_rank(slope) < 6).any():
+    kinds = {axis.measures for axis in sensor.axes}
+    if (np.linalg.matrix_rank(slope) < len("xyz") * len(kinds)).any():
         raise NotInvertible(
             f"sensor {sensor.name}: with these coefficients the output does not determine specific "
             "force and rate; check that no two axes are parallel and no gain is 0"

@@ -1,6 +1,6 @@
 """Expected uncertainties of a hand-held plan, from simulations of the plan."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -15,11 +15,16 @@ from inercal.benches.kind_definition import Simulate
 from inercal.estimation import Estimate, Gaussian
 from inercal.methods import AddMagnetometers, Fit
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
-from inercal.physics.plan import Hold, Step
+from inercal.physics.plan import Hold, Step, Turn, with_second_azimuths
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.pipeline import read_out
+from inercal.pipeline.design.expected_uncertainty import (
+    ExpectedUncertainty,
+    coefficient_uncertainties,
+)
 from inercal.recordings import Mark, Observations, Recording
+from inercal.recordings.data.recording_loader import stated_deviations
 from inercal.recordings.magnetic import MagneticReadings
 from inercal.recordings.segments import (
     average_sections,
@@ -31,6 +36,7 @@ from inercal.runfile import Run
 
 SESSIONS = 5
 _SETTLING = 0.25  # s
+_RATE_HZ = 50.0  # of the simulation of a table of means
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +90,12 @@ def rehearse_plan(
             f"the plan of method {run.method.name} is fixed; use method multi_position",
             key="[method] name",
         )
-    sensor = run.whole_sensor
     if run.method.follows_rest:
         raise InputError(
             f"method {run.method.name} follows any motion and has no plan; turn the sensor slowly "
             "about all of its axes for a minute or two",
             key="[method] name",
         )
-    refuse_temperature_terms_in_plan(sensor)
     if run.rate_hz is None:
         raise InputError(
             f'{run.path}: [data] rate is missing; add it for the simulation, such as rate = "100 '
@@ -99,6 +103,39 @@ def rehearse_plan(
             file=run.path,
             key="[data] rate",
         )
+    return _rehearsed(run, sessions, executor)
+
+
+def magnetometer_uncertainties(run: Run) -> tuple[ExpectedUncertainty, ...]:
+    """Return the expected uncertainties of the magnetometers of a plan with a worksheet.
+
+    Noise that is only stated for means is taken as white. See `rehearse_plan` for the errors.
+    """
+    if run.magnetometer is None:
+        return ()
+    means = {kind: sd * run.steps[0].seconds ** 0.5 for kind, sd in stated_deviations(run).items()}
+    sensor, field = (_with_white(one, means) for one in (run.sensor, run.magnetometer))
+    run = replace(run, sensor=sensor, magnetometer=field, rate_hz=run.rate_hz or _RATE_HZ)
+    found = _rehearsed(run, SESSIONS, None)
+    std = dict(zip(found.sensor.coefficients, found.std.tolist(), strict=True))
+    return coefficient_uncertainties(field, std)
+
+
+def _with_white(sensor: Sensor, means: Mapping[str, float]) -> Sensor:
+    """Return the sensor with the white noise of means, by kind of axes, where none is stated."""
+    axes = (
+        replace(a, noise=replace(a.noise, white=a.noise.white or means.get(a.measures, 0.0)))
+        for a in sensor.axes
+    )
+    return replace(sensor, axes=tuple(axes))
+
+
+def _rehearsed(run: Run, sessions: int, executor: Executor | None) -> RehearsalResult:
+    sensor, steps, free = run.whole_sensor, run.steps, run.method.unknown_attitudes
+    assert run.rate_hz is not None
+    refuse_temperature_terms_in_plan(sensor)
+    if not free:
+        steps = tuple(with_second_azimuths(s for s in steps if isinstance(s, Hold | Turn)))
     for axis in sensor.axes:
         if not axis.noise.white:
             key = f"[sensor.{QUANTITIES[axis.measures].sensor}] white"
@@ -106,16 +143,16 @@ def rehearse_plan(
                 f"{run.path}: {key} is missing; add it for the simulation", file=run.path, key=key
             )
     rehearsal = _Rehearsal(
-        run.kind.simulate, run.bench, run.steps, run.kind.steps, run.sensor, run.priors,
+        run.kind.simulate, run.bench, steps, run.kind.steps, run.sensor, run.priors,
         run.method.estimator(run.estimator), run.rate_hz, run.magnetometer,
-        run.method.add_magnetometers,
+        run.method.add_magnetometers, free,
     )  # fmt: skip
     executor = executor or SerialExecutor()
     for seed in range(sessions):
         executor.submit(rehearsal, seed)
     found: list[_Session] = list(in_order(executor))
     std = np.median([one.std for one in found], axis=0)
-    return RehearsalResult(run.steps, sensor, std, found[-1].seconds)
+    return RehearsalResult(steps, sensor, std, found[-1].seconds)
 
 
 class _Session(NamedTuple):
@@ -139,13 +176,14 @@ class _Rehearsal:
     rate_hz: float
     magnetometer: Sensor | None = None
     add_magnetometers: AddMagnetometers[Any, Any] | None = None
+    free: bool = True  # whether the attitudes are unknown
 
     def __call__(self, seed: int) -> _Session:
         recording = self._recording(np.random.default_rng(seed))
         holds = tuple(step for step in self.steps if isinstance(step, Hold))
         marks = _trimmed_marks(recording)
-        seen = average_sections(recording, self.sensor, marks, holds, by_hand=True)
-        if self.sensor.select_axes("w").axes:
+        seen = average_sections(recording, self.sensor, marks, holds, by_hand=self.free)
+        if self.free and self.sensor.select_axes("w").axes:
             turns = transitions_between_rests(recording, self.sensor, marks)
             seen = replace(seen, transitions=turns)
         estimate = self.estimator(seen, self.sensor, self.bench, self.steps, self.priors)
@@ -170,7 +208,8 @@ class _Rehearsal:
         steps = [step for step in self.steps if isinstance(step, self.simulated_steps)]
         own = self.magnetometer
         sensor = self.sensor if own is None else self.sensor.beside(own)
-        done = self.simulate(self.bench, steps, self.rate_hz, rng, 1, sensor, True).simulated_motion
+        made = self.simulate(self.bench, steps, self.rate_hz, rng, 1, sensor, self.free)
+        done = made.simulated_motion
         c = np.zeros(len(sensor.coefficients))
         data = read_out(sensor, done.motion, c, self.rate_hz, rng)[0]
         units = tuple(axis.readout.unit for axis in sensor.axes)

@@ -15,6 +15,7 @@ from inercal.pipeline.design.expected_uncertainty import (
     estimate_of_plan,
     estimated_uncertainties,
 )
+from inercal.pipeline.design.plan_rehearsal import magnetometer_uncertainties
 from inercal.recordings.data.recording_loader import refuse_repeated_columns
 from inercal.runfile import Run
 
@@ -74,7 +75,8 @@ def build_worksheet(run: Run) -> Worksheet:
     sheet = run_sheet(run)
     estimate = estimate_of_plan(run, run.kind.words.rows)
     sums = _sum_uncertainties(estimate, run.sensor, run.bench.gravity.value) if sheet.sums else ()
-    return Worksheet(run, sheet, estimated_uncertainties(estimate, run.sensor), sums)
+    expected = estimated_uncertainties(estimate, run.sensor)
+    return Worksheet(run, sheet, (*expected, *magnetometer_uncertainties(run)), sums)
 
 
 def worksheet_csv(made: Worksheet) -> str:

@@ -35,7 +35,7 @@ from inercal.pipeline.drafts.column_values import (
 from inercal.pipeline.drafts.draft_entries import DraftKey
 from inercal.pipeline.drafts.file_parts import join_parts
 from inercal.pipeline.drafts.signed_columns import sign_columns
-from inercal.pipeline.drafts.stated_keys import stated_columns, stated_gyros, stated_options
+from inercal.pipeline.drafts.stated_keys import stated_columns, stated_options, stated_triad
 from inercal.recordings.data.rest_marks import marks_from_file
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.file_patterns import is_pattern, matching_files
@@ -238,7 +238,7 @@ def _separate_gyros(
         try:
             stated = stated_columns(values, table, second_file=True)
             roles = recognise_columns(table, detect_reader(files[first]).name, stated)
-            found = recognise_columns(gyros, stated=stated_gyros(values, gyros))
+            found = recognise_columns(gyros, stated=stated_triad("gyro", values, gyros))
         except InputError:
             if first == 0:
                 continue

@@ -7,7 +7,6 @@ to the sign of all three, which the hemisphere decides.
 
 import re
 from collections.abc import Mapping, Sequence
-from itertools import permutations, product
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.units import si_factor
 from inercal.physics.magnetic_units import unit_of_earth_field
+from inercal.physics.soft_iron import TURNS_OF_CUBE, axis_names
 from inercal.pipeline.drafts.column_names import (
     is_other_quantity,
     plain_name,
@@ -151,14 +151,9 @@ def _fit_axes(field: Array, force: Array, hemisphere: object) -> list[str] | Non
     Without a hemisphere, the axes are taken as right-handed. None if several axes fit, or none.
     """
     unit = [x / np.linalg.norm(x, axis=1, keepdims=True) for x in (field, force)]
-    every: list[tuple[float, float, list[str]]] = []
-    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
-        matrix = np.eye(3)[list(order)] * np.array(signs)[:, None]
-        if np.linalg.det(matrix) > 0:
-            cosine = ((unit[0] @ matrix) * unit[1]).sum(axis=1)
-            names = [("-" if s < 0 else "") + "xyz"[k] for k, s in zip(order, signs, strict=True)]
-            every.append((float(cosine.std()), float(cosine.mean()), names))
-    (scatter, mean, names), second = sorted(every)[:2]
-    if hemisphere is not None and (mean < 0) != (hemisphere == "north"):
-        names = [name[1:] if name.startswith("-") else f"-{name}" for name in names]
-    return names if scatter < min(_SAME_ANGLE, second[0] / _CLEARER) else None
+    cosine = np.einsum("ki,tij,kj->tk", unit[0], TURNS_OF_CUBE, unit[1])
+    scatter = cosine.std(axis=1)
+    best, second = np.argsort(scatter, kind="stable")[:2]
+    reverse = hemisphere is not None and (cosine[best].mean() < 0) != (hemisphere == "north")
+    found = scatter[best] < min(_SAME_ANGLE, scatter[second] / _CLEARER)
+    return axis_names(-TURNS_OF_CUBE[best] if reverse else TURNS_OF_CUBE[best]) if found else None

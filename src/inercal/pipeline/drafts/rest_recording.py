@@ -11,6 +11,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.benches.stated_axes import axis_letters
 from inercal.physics.section_settings import key_error, si_value
@@ -19,12 +20,14 @@ from inercal.pipeline.drafts.clock_keys import clock_keys
 from inercal.pipeline.drafts.column_names import is_other_quantity
 from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
 from inercal.pipeline.drafts.column_values import without_unusable
+from inercal.pipeline.drafts.magnetometer_keys import named_magnetometer, named_unit
 from inercal.pipeline.drafts.readouts import guess_accelerometer
 from inercal.pipeline.drafts.signed_columns import sign_columns
 from inercal.pipeline.drafts.stated_keys import (
     stated_columns,
     stated_options,
     stated_thermometer,
+    stated_triad,
     stated_values,
 )
 from inercal.recordings import Recording
@@ -34,14 +37,17 @@ from inercal.recordings.io.isolation import MOST_VALUES_KEY
 from inercal.recordings.io.read import detect_reader, read_recording, read_table
 from inercal.recordings.io.readers import known_options
 from inercal.recordings.io.table_recording import Columns
+from inercal.recordings.segments.magnetic_means import new_value_rows
 from inercal.recordings.temperature import first_impossible
 from inercal.runfile.schema import ReadoutSection
-from inercal.runfile.sensor_builder import READING_UNITS, build_readout
+from inercal.runfile.sensor_builder import READING_UNITS, SCALE_EXAMPLES, build_readout
 
 _COUNTS = "LSB"
+_FRESH = 0.9  # share of samples with new values
 _TOO_LONG = MOST_VALUES_KEY  # key of the error for a file that is too large
 _KEYS = (
-    *(f"data.{name}" for name in ("accelerometer", "gyro", "time", "time_unit", "rate",
+    *(f"data.{name}" for name in ("accelerometer", "gyro", "magnetometer", "time",
+                                  "time_unit", "rate",
                                   "counter_modulus", "signed_bits",
                                   "temperature", "temperature_unit", "temperature_scale",
                                   "temperature_zero", "allow_temperature", "nonfinite")),
@@ -50,7 +56,7 @@ _KEYS = (
 
 
 def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
-    """Read the accelerometers and gyros of a log in m/s² and rad/s, with the temperature.
+    """Read the accelerometers, gyros and magnetometers of a log in SI units, with the temperature.
 
     Parameters
     ----------
@@ -93,7 +99,7 @@ class RestLayout:
     readouts : list of Readout
         Readout of each channel.
     units : list of str
-        SI unit of each channel, "m/s²" or "rad/s".
+        SI unit of each channel.
     """
 
     columns: Columns
@@ -116,6 +122,7 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
     roles = recognise_columns(table, detect_reader(log).name, columns, incomplete=True)
     # An empty list states that a triad is not wanted.
     roles = replace(roles, triads={kind: names for kind, names in roles.triads.items() if names})
+    roles = _with_magnetometers(log, table, roles, values)
     if not roles.triads:
         raise InputError(
             f"{log}: no accelerometers or gyros were recognised among {', '.join(table.names)}: "
@@ -125,7 +132,7 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
         )
     readouts = {kind: _readout(log, table, roles, kind, values) for kind in roles.triads}
     channels = tuple(
-        (f"{'a' if kind == 'accelerometer' else 'g'}{axis}", column, readouts[kind].unit)
+        (f"{kind[0]}{axis}", column, readouts[kind].unit)
         for kind, names in roles.triads.items()
         for axis, column in zip(axis_letters(names) or range(1, len(names) + 1), names, strict=True)
     )
@@ -139,6 +146,36 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
         [readouts[kind] for kind in kinds],
         [READING_UNITS[kind] for kind in kinds],
     )
+
+
+def _with_magnetometers(
+    log: Path, table: Table, roles: ColumnRoles, values: Mapping[str, Any]
+) -> ColumnRoles:
+    """Return the roles with magnetometers that the user states, or whose names state a unit."""
+    stated = stated_triad("magnetometer", values, table)
+    used = {*roles.single.values(), *(name for each in roles.triads.values() for name in each)}
+    free = [n for n in table.names if n not in used and table.columns[n].dtype.kind != "U"]
+    named = named_magnetometer(free) if table.header else ()
+    names = stated.get("magnetometer", named)
+    unit = named_unit(names[0]) if names else None
+    if not names or not (stated or unit):
+        return roles
+    if repeats_values(table.stack(names)):
+        if not stated:
+            return roles
+        raise InputError(
+            f"{log}: {', '.join(names)} repeat their values, so their samples are not independent; "
+            "give a log with one row for each value, or omit data.magnetometer",
+            file=log,
+            key="data.magnetometer",
+        )
+    units = roles.units if unit is None else {**roles.units, "magnetometer": unit}
+    return replace(roles, triads={**roles.triads, "magnetometer": names}, units=units)
+
+
+def repeats_values(readings: Array) -> bool:
+    """Return whether magnetometers, (n, 3), have a new value in less than nine of ten samples."""
+    return float(np.mean(new_value_rows(readings))) < _FRESH
 
 
 def _what_to_state(table: Table, roles: ColumnRoles) -> str:
@@ -175,7 +212,7 @@ def in_si(recording: Recording, readouts: list[Readout], units: list[str]) -> Re
         Recording in output units, with one channel for each readout.
     readouts : list of Readout
     units : list of str
-        SI unit of each channel, "m/s²" or "rad/s".
+        SI unit of each channel.
     """
     offsets = np.array([one.offset for one in readouts])
     scales = np.array([one.scale for one in readouts])
@@ -207,8 +244,8 @@ def _readout(
         guess = guess_accelerometer(mean, None)
         unit = None if guess.scale or not guess.certain else guess.unit
     if unit is None:
-        example = "rad/s" if kind == "gyro" else "m/s²"
-        counts = "131 LSB/(°/s)" if kind == "gyro" else "2048 LSB/g"
+        example = {"gyro": "rad/s", "magnetometer": "µT"}.get(kind, "m/s²")
+        counts = SCALE_EXAMPLES[kind].format("LSB")
         raise InputError(
             f'{log}: the unit of the {kind}s is unknown: state it with --set "{key}.unit='
             f'{example}", or for counts with --set "{key}.scale={counts}"',

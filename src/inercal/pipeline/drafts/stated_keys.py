@@ -18,6 +18,7 @@ from inercal.basics.units import si_factor
 from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS
 from inercal.physics.plan import Turn
+from inercal.physics.quantities import SensorKind
 from inercal.physics.section_settings import PLANNING, BenchUsage, key_error
 from inercal.pipeline.drafts.column_names import NAMES
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
@@ -126,15 +127,17 @@ def stated_columns(
     return {role: _columns(role, values, table) for role in roles if f"data.{role}" in values}
 
 
-def stated_gyros(values: Mapping[str, Any], table: Table) -> dict[str, tuple[str, ...]]:
-    """Return the stated columns of the separate gyro file.
+def stated_triad(
+    kind: SensorKind, values: Mapping[str, Any], table: Table
+) -> dict[str, tuple[str, ...]]:
+    """Return the stated columns of one kind of axes, such as those of a separate gyro file.
 
     Raises
     ------
     InputError
         If a stated column is not in the file.
     """
-    return {"gyro": _columns("gyro", values, table)} if "data.gyro" in values else {}
+    return {kind: _columns(kind, values, table)} if f"data.{kind}" in values else {}
 
 
 def _columns(role: str, values: Mapping[str, Any], table: Table) -> tuple[str, ...]:

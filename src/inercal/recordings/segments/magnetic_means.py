@@ -49,7 +49,7 @@ def average_magnetometers(
     InputError
         The magnetometers can be used in no rest.
     """
-    y = sensor.to_si(recording.data[:, [recording.channels.index(n) for n in sensor.channels]])
+    y = _si(recording, sensor)
     fresh = new_value_rows(y)
     flawed = range_findings(recording, sensor, [_rows(recording.time, span) for span in spans])
     parts = [_values(recording.time, fresh, span) for span in spans]
@@ -79,7 +79,6 @@ def average_magnetometers(
     scatter = np.concatenate([y[new] - y[new].mean(axis=0) for _, new in used])
     noise: Array = scatter.T @ scatter / (len(scatter) - len(used))
     rounding = np.diag(_rounding(y[fresh], np.sqrt(np.diag(noise))))
-    kelvin = recording.temperature
     return MagneticReadings(
         channels=sensor.channels,
         rest=np.array(kept),
@@ -88,7 +87,7 @@ def average_magnetometers(
         time=np.array([recording.time[rows].mean() for rows, _ in used]),
         samples=count,
         noise=noise + rounding,
-        temperature=None if kelvin is None else np.array([kelvin[r].mean() for r, _ in used]),
+        temperature=_kelvin(recording, [rows for rows, _ in used]),
     ), tuple(lost)
 
 
@@ -109,7 +108,7 @@ def average_pieces(
     others : Sensor
         Accelerometers and gyros.
     """
-    y = sensor.to_si(recording.data[:, [recording.channels.index(n) for n in sensor.channels]])
+    y = _si(recording, sensor)
     new = np.flatnonzero(new_value_rows(y))
     time = recording.time[new]
     gyros = [k for k, axis in enumerate(others.axes) if axis.measures == "w"]
@@ -128,19 +127,18 @@ def average_pieces(
             found.append((k, new[used]))
             middle = float(np.mean(turned[used]))
             times.append(float(np.interp(middle, turned[used], time[used])))
-    kelvin = recording.temperature
     return MagneticPieces(
         transition=np.array([k for k, _ in found], dtype=np.int64),
         time=np.array(times),
         mean=np.array([y[rows].mean(axis=0) for _, rows in found]).reshape(-1, y.shape[1]),
         samples=np.array([rows.size for _, rows in found], dtype=np.int64),
-        temperature=None if kelvin is None else np.array([kelvin[r].mean() for _, r in found]),
+        temperature=_kelvin(recording, [rows for _, rows in found]),
     )
 
 
 def magnetic_samples(recording: Recording, sensor: Sensor) -> MagneticReadings:
     """Return the new values of a whole recording as pieces of one motion, without rests."""
-    y = sensor.to_si(recording.data[:, [recording.channels.index(n) for n in sensor.channels]])
+    y = _si(recording, sensor)
     new, m = np.flatnonzero(new_value_rows(y)), len(sensor.axes)
     if new.size < _FEWEST:
         raise InputError(
@@ -149,23 +147,12 @@ def magnetic_samples(recording: Recording, sensor: Sensor) -> MagneticReadings:
             file=recording.source,
             names=sensor.channels,
         )
-    none = np.zeros(0)
-    whole, kelvin = np.zeros(new.size, dtype=np.int64), recording.temperature
+    none, whole = np.zeros(0), np.zeros(new.size, dtype=np.int64)
+    kelvin = None if recording.temperature is None else recording.temperature[new]
+    pieces = MagneticPieces(whole, recording.time[new], y[new], np.ones_like(whole), kelvin)
+    means, noise = np.zeros((0, m)), np.zeros((m, m))
     return MagneticReadings(
-        channels=sensor.channels,
-        rest=whole[:0],
-        mean=np.zeros((0, m)),
-        covariance=np.zeros((0, m, m)),
-        time=none,
-        samples=none,
-        noise=np.zeros((m, m)),
-        pieces=MagneticPieces(
-            whole,
-            recording.time[new],
-            y[new],
-            np.ones_like(whole),
-            None if kelvin is None else kelvin[new],
-        ),
+        sensor.channels, whole[:0], means, np.zeros((0, m, m)), none, none, noise, pieces=pieces
     )
 
 
@@ -173,6 +160,16 @@ def new_value_rows(y: Array) -> NDArray[np.bool_]:
     """Return which samples, (n, m), are new values, and neither repeated nor all zero."""
     changed = np.concatenate([[True], (y[1:] != y[:-1]).any(axis=1)])
     return changed & (y != 0).any(axis=1)
+
+
+def _si(recording: Recording, sensor: Sensor) -> Array:
+    return sensor.to_si(recording.data[:, [recording.channels.index(n) for n in sensor.channels]])
+
+
+def _kelvin(recording: Recording, parts: Sequence[Indices]) -> Array | None:
+    """Return the mean temperature of each part, or None if none was recorded."""
+    kelvin = recording.temperature
+    return None if kelvin is None else np.array([kelvin[rows].mean() for rows in parts])
 
 
 def _rows(time: Array, span: tuple[float, float]) -> tuple[int, int]:
@@ -201,14 +198,9 @@ def _railed_rests(
     found = [""] * len(parts)
     for axis, channel in enumerate(channels):
         for end in (y[:, axis].min(), y[:, axis].max()):
-            at = [
-                k
-                for k, (_, n) in enumerate(parts)
-                if n.size >= _FRESH and (y[n, axis] == end).all()
-            ]
-            if len(at) > 1:
-                for k in at:
-                    found[k] = f"{channel} stays at the end of its range"
+            ends = [n.size >= _FRESH and bool((y[n, axis] == end).all()) for _, n in parts]
+            for k in np.flatnonzero(ends).tolist() if sum(ends) > 1 else ():
+                found[k] = f"{channel} stays at the end of its range"
     return found
 
 
