@@ -24,6 +24,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).parents[1]
 CONTAINERFILE, IGNORED = ROOT / "Containerfile", ROOT / ".containerignore"
 TAG = "inercal"
+PROBE = ["python", "-m", "pip", "download", "--quiet", "--no-deps", "--dest", "probe", "pip"]
 # In the end, the numbers of kernels that were linked to the installation, and that were compiled.
 _FOUND = 'find "$HOME/.cache/numba" -name "*.nb[ci]" -type'
 DEMO = f"inercal demo --quick --out /data/demo && {_FOUND} l | wc -l && {_FOUND} f | wc -l"
@@ -150,11 +151,14 @@ def processor_seconds() -> float:
 
 
 def builder() -> str | None:
-    """Return the name of a program that can build images here."""
+    """Return the name of a program that gets the image to begin with, and a package in it."""
+    content = steps(CONTAINERFILE.read_text(encoding="utf-8"))
+    base = next(step.text.split()[0] for step in content if step.name == "FROM")
     for name in ("podman", "buildah", "docker"):
+        ask = [name, "run", "--rm", base, *PROBE]
         if shutil.which(name):
-            answer = subprocess.run([name, "info"], capture_output=True, check=False, timeout=60)
-            if answer.returncode == 0:
+            probe = [name, "pull", base] if name == "buildah" else ask
+            if not subprocess.run(probe, capture_output=True, check=False).returncode:
                 return name
     return None
 
@@ -174,8 +178,7 @@ def carry_out_in_folder() -> str | None:
     """Carry out all steps here, and return what the demonstration prints; None without an index."""
     with TemporaryDirectory(prefix="container-") as name:
         folder = Folder(Path(name))
-        probe = ["python", "-m", "pip", "download", "--quiet", "--no-deps", "-d", "probe", "pip"]
-        if subprocess.run(probe, cwd=name, env=folder.environment, check=False).returncode:
+        if subprocess.run(PROBE, cwd=name, env=folder.environment, check=False).returncode:
             return None
         for step in steps(CONTAINERFILE.read_text(encoding="utf-8")):
             before = processor_seconds()

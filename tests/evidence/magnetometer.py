@@ -53,8 +53,8 @@ class Row(NamedTuple):
 ROWS = {
     "rests": Row("`multi_position`, strength stated"),
     "free": Row("`multi_position`, strength unknown", {"strength": False}),
-    "dip": Row("`multi_position`, strength and dip stated", {"dip": True}, share=0.25),
-    "gyros": Row("`multi_position` with gyros, strength stated", {"gyros": True}, share=0.5),
+    "dip": Row("`multi_position`, strength and dip stated", {"dip": True}),
+    "gyros": Row("`multi_position` with gyros, strength stated", {"gyros": True}),
     "six": Row("`six_position`, two azimuths per face", {"method": "six_position"}),
     "motion": Row("`field_and_rates`, strength stated", {"method": "field_and_rates"}),
     "uneven": Row("field differs by 1 % between rests", {}, "random", share=0.25),
