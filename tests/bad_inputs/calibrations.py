@@ -54,7 +54,7 @@ CASES: dict[str, BadInput] = {
         f"apply {TRIAD} @run.toml --out @log.csv --force", ("log.csv",)
     ),
     "applied onto itself": BadInput(
-        f"apply {TRIAD} @run.toml --out {TRIAD} --force", (NAME, "input")
+        f"apply {TRIAD} @run.toml --out {TRIAD} --force", (NAME, ".csv")
     ),
     "applied into a folder": BadInput(f"apply {TRIAD} @run.toml --out @", ("folder",)),
     "applied into a file of MATLAB": BadInput(
