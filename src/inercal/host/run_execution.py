@@ -77,7 +77,7 @@ def execute_run(
     InercalError
         The run could not be started; see `BenchRun`.
     """
-    addresses = DeviceAddresses(*journal.header().addresses)
+    addresses = DeviceAddresses(*journal.header().addresses, journal.chamber())
     with (
         ExitStack() as after,
         BenchRun(folder, journal, addresses, options, show, show_interval) as run,

@@ -28,6 +28,7 @@ from argparse import ArgumentParser
 from collections.abc import Callable
 from contextlib import ExitStack, nullcontext, suppress
 from functools import partial
+from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock, Thread
@@ -169,11 +170,11 @@ class PacketSender:
         self._silent = False
         self._rng = np.random.default_rng([seed, 2])
 
-    def send(self, first: int, readings: np.ndarray) -> None:
-        """Send readings, (n, 6); the first reading has the number `first`."""
+    def send(self, first: int, readings: np.ndarray, kelvin: float = nan) -> None:
+        """Send readings, (n, 6), at a temperature; the first reading has the number `first`."""
         if not len(readings):
             return
-        packets = self._packer(first, readings)
+        packets = self._packer(first, readings, kelvin)
         with self.lock:
             if self._loss:
                 lost = (self._rng.random(len(packets)) < self._loss).tolist()
@@ -221,7 +222,7 @@ def serve_motion(end: socket.socket, imu: SimulatedImu, sender: PacketSender) ->
     with suppress(OSError):
         while (part := motion_link.receive(end)) is not None:
             first = imu.next_number
-            sender.send(first, imu.read_block(part))
+            sender.send(first, imu.read_block(part), part.temperature)
             motion_link.send_byte_count(end, sender.sent)
 
 
