@@ -442,6 +442,9 @@ class BenchRun:
         fresh = block.track.slice(old, block.table.size).with_known_angles
         words = self._interlocks.check_gyros(fresh)
         begin = self.recorder.assembly.recording_start or 0.0
+        if self.sequencer.is_waiting:
+            # The biases of the gyros change with the temperature.
+            self._readback_warnings.restart()
         for warning in self._readback_warnings.find(begin, fresh):
             self._say("warning", warning)
         self._last_checks.record("gyros", self.time)

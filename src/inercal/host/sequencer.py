@@ -134,7 +134,7 @@ class TaskSequencer(ABC, Generic[T]):
         self._tasks, self._limits = tuple(tasks), tuple(limits)
         self._commanded = False  # whether the commands of this phase were sent
         self._phase_start, self._time_limit = 0.0, 0.0
-        self._working = False
+        self._working = self._waited = False
         self._motion_suspected = False  # whether an axis moved in a hold at the last reading
 
     @property
@@ -203,8 +203,9 @@ class TaskSequencer(ABC, Generic[T]):
         if self.is_over or self.phase == "paused":
             return []
         self._refuse_faults(seen)
-        if self.is_waiting:
-            return []
+        waited, self._waited = self._waited, self.is_waiting
+        if waited or self._waited:
+            return []  # after a wait, the polls are first frequent again
         if not self._commanded:
             self._commanded, self._phase_start = True, seen.time
             commands, self._time_limit = self._commands(seen)
