@@ -5,11 +5,11 @@ of the set temperature, and the slope of a straight line through the sensor's ow
 less than `drift`. Each step of the plan waits until the soak is stable. If the packets contain no
 temperature, only the chamber is checked, and the plan waits for the stated time `wait`.
 
-The chamber is read every 0.25 s. The run ends if the chamber reports an alarm or an open door, if
-two successive readings are outside the limits, or if the temperature T changes faster than the
-largest permitted rate r. Noise is no reason to stop, so T may exceed the rate by 0.5 K::
+The chamber is read every 0.25 s. The run ends if the chamber reports an alarm or an open door, or if
+two successive readings T are outside the limits or change faster than the largest permitted rate r.
+Noise is no reason to stop, so they may exceed the rate by 0.3 K::
 
-    |T(t) − T(t − s)| > r s + 0.5 K for any s up to 60 s
+    |T(t) − T(t − s)| > r s + 0.3 K for any s up to 60 s
 
 If the chamber does not answer, the run pauses. These checks are not a safety function: the
 chamber's own limiter is.
@@ -40,7 +40,7 @@ _REPORT_INTERVAL = 600.0  # s between two messages while the run waits
 # Longest time without a reading, s. A simulated chamber answers at once. A real one may repeat a
 # request, and is no reason to interrupt a step.
 _SIMULATED_SILENCE, _SILENCE = 0.8, 5.0
-_RATE_WINDOW, _RATE_ALLOWANCE = 60.0, 0.5  # s, K
+_RATE_WINDOW, _RATE_ALLOWANCE = 60.0, 0.3  # s, K
 _LIMIT_MARGIN = 10.0  # K beyond the soaks; the limits if the run file states none
 _SUCCESSIVE = 2  # readings
 Say = Callable[[Literal["info", "warning", "alarm"], str], None]
@@ -344,11 +344,11 @@ class SoakControl(Closeable):
             return "the chamber's door is open"
         kelvin, (low, high) = state.temperature, self._limits
         allowed = f"allowed: {_celsius(low)} to {_celsius(high)}"
-        if self._persists("no temperature", not isfinite(kelvin)):
+        if self._persists("no temperature", wrong=not isfinite(kelvin)):
             return "the chamber reports no temperature"
-        if self._persists("chamber", not low <= kelvin <= high and isfinite(kelvin)):
+        if self._persists("chamber", wrong=not low <= kelvin <= high and isfinite(kelvin)):
             return f"the chamber is at {_celsius(kelvin)}; {allowed}"
-        if self._persists("sensor", not low <= sensor <= high and isfinite(sensor)):
+        if self._persists("sensor", wrong=not low <= sensor <= high and isfinite(sensor)):
             return f"the sensor is at {_celsius(sensor)}; {allowed}"
         return self._check_rate(kelvin)
 
@@ -360,15 +360,18 @@ class SoakControl(Closeable):
             recent.popleft()
         for time, before in recent:
             if abs(kelvin - before) > rate * (self._time - time) + _RATE_ALLOWANCE:
+                if not self._persists("rate", wrong=True):
+                    return None
                 return (
                     f"the chamber's temperature changed from {_celsius(before)} to "
                     f"{_celsius(kelvin)} within {format_duration(self._time - time)}; allowed: "
                     f"{60 * rate:g} K/min"
                 )
+        self._persists("rate", wrong=False)
         recent.append((self._time, kelvin))
         return None
 
-    def _persists(self, what: str, wrong: bool) -> bool:
+    def _persists(self, what: str, *, wrong: bool) -> bool:
         self._doubts[what] = self._doubts.get(what, 0) + 1 if wrong else 0
         return self._doubts[what] >= _SUCCESSIVE
 
