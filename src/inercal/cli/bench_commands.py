@@ -256,6 +256,7 @@ def simulate(
         positive_number("--rate", str(rate))
     paced = pace if pace == "granted" else positive_number("--pace", pace, ", or granted")
     with BenchSimulator(run_file, seed, preset, rate, paced, terminal=not tcp) as bench:
+        print(f"chamber at {bench.chamber}", file=sys.stderr)
         clock = f" --clock {bench.clock}" if bench.clock else ""
         print(f"inercal bench run {run_file} --table '{bench.table}' --imu '{bench.imu}'{clock}")
         sys.stdout.flush()

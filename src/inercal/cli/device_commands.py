@@ -1,4 +1,4 @@
-"""`inercal bench devices` and `check-driver`: query devices, and check the driver of a table."""
+"""`inercal bench devices` and `check-driver`: query devices, and check a driver."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 TABLE_HELP = (
     "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
 )
+_CHAMBER_HELP = "scpi-chamber://HOST?output=1&low=-40&high=130 or watlow-f4t://HOST?event=1"
 _BenchRun = Annotated[
     Path | None,
     typer.Option("--run", "-r", help="Run file whose bench names the axes of the table."),
@@ -28,18 +29,19 @@ def devices(
         str,
         typer.Option(help="Listen to an IMU for one second; without preset=, try every preset."),
     ] = "",
+    chamber: Annotated[str, typer.Option(help=f"Query a chamber: {_CHAMBER_HELP}")] = "",
     run_file: _BenchRun = None,
     json: Json = False,
 ) -> None:
-    """List the serial ports, an IMU's packets and a table's settings, without any motion."""
+    """List serial ports, IMU packets, and the state of a table or chamber; nothing moves."""
     from inercal.host import devices as host_devices
-    from inercal.host.devices import imu_lines, port_lines, table_lines
+    from inercal.host.devices import chamber_lines, imu_lines, port_lines, table_lines
 
     if run_file is not None and not table:
         raise InputError("--run works only with --table: add --table, or remove --run", key="--run")
     content: dict[str, object] = {}
     lines: list[str] = []
-    if not (table or imu):
+    if not (table or imu or chamber):
         ports = host_devices.list_serial_ports()
         content["ports"] = [asdict(port) for port in ports]
         lines += port_lines(ports)
@@ -64,6 +66,10 @@ def devices(
             ],
         }
         lines += imu_lines(reply)
+    if chamber:
+        found = host_devices.probe_chamber(chamber)
+        content["chamber"] = asdict(found)
+        lines += chamber_lines(found)
     if json:
         console.print_json(content)
         return
@@ -74,9 +80,7 @@ def devices(
 def check_driver(
     address: Annotated[
         str,
-        typer.Argument(
-            help="Address of a simulated table on this machine, by the driver's scheme."
-        ),
+        typer.Argument(help="Address of a simulated table or chamber on this machine."),
     ],
     run_file: _BenchRun = None,
     pace: Annotated[
@@ -84,9 +88,9 @@ def check_driver(
     ] = 1.0,
     json: Json = False,
 ) -> None:
-    """Check the driver of a table against its simulator: motions, timing, lost and bad replies.
+    """Check the driver of a table or chamber with its simulator: motions, lost and bad replies.
 
-    The check moves the table and breaks its link. The exit status is 1 if a check fails.
+    The check moves the device and breaks its link. The exit status is 1 if a check fails.
     """
     from time import monotonic
 

@@ -100,7 +100,7 @@ def table_places(address: str) -> tuple[str, ...]:
     if place is None:
         return (link,)
     host, port = place
-    return tuple(f"{one}:{port}" for one in _resolve(host))
+    return tuple(f"{one}:{port}" for one in resolve_host(host))
 
 
 def table_host(address: str) -> tuple[str, int] | None:
@@ -115,7 +115,7 @@ def _table_link(address: str) -> str:
     return at if not at.startswith("//") and _scheme(at)[0] in LINKS else link
 
 
-def _resolve(host: str) -> tuple[str, ...]:
+def resolve_host(host: str) -> tuple[str, ...]:
     """Return the sorted numeric addresses of a host, or the name if it cannot be resolved."""
     try:
         found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)

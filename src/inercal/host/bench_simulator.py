@@ -58,6 +58,8 @@ class BenchSimulator(Closeable):
     ----------
     table, imu : str
         Addresses that a host can open.
+    chamber : str
+        Address of a temperature chamber, which runs on the time of the bench.
     clock : str or None
         Address of the clock; None if time passes by itself.
     addresses : DeviceAddresses
@@ -98,7 +100,7 @@ class BenchSimulator(Closeable):
             if background_work:
                 background_work()
             imu, *_ = self._address("imu")
-            table, *clock = self._address("table")
+            table, self.chamber, *clock = self._address("table")
         except BaseException:
             # If one process has failed, the other may wait for it and would not read the command to
             # stop.

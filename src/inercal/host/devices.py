@@ -1,4 +1,4 @@
-"""Detects connected devices: serial ports, packets of an IMU, settings of a table's controller."""
+"""Detects connected devices: serial ports, packets of an IMU, a table's settings, a chamber."""
 
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
@@ -8,10 +8,11 @@ from time import monotonic
 
 import numpy as np
 
-from inercal.basics.units import format_count
+from inercal.basics.units import ZERO_CELSIUS, format_count
 from inercal.benches.motion_control import ControlledBench
 from inercal.host import addresses
 from inercal.host.drivers.rotary_table import AxisLimits, ProtocolError, TableFault, TableState
+from inercal.host.equipment import ChamberState, open_chamber
 from inercal.host.link import LinkLost, open_link, require_pyserial
 from inercal.host.packets import PRESETS, Decoder, PacketCounts, PacketLayout, read_layout
 from inercal.host.table_lock import TableLock
@@ -72,6 +73,14 @@ class TableConnection:
     limits: tuple[AxisLimits, ...]
     wrap_period: float
     state: TableState
+
+
+@dataclass(frozen=True)
+class ChamberConnection:
+    """The state of a chamber."""
+
+    address: str
+    state: ChamberState
 
 
 def list_serial_ports() -> tuple[SerialPort, ...]:
@@ -148,6 +157,12 @@ def probe_table(
         )
 
 
+def probe_chamber(address: str, timeout: float = 1.0) -> ChamberConnection:
+    """Return a chamber's state without changing it; the errors are those of `open_chamber`."""
+    with open_chamber(address, timeout) as opened:
+        return ChamberConnection(address, opened.read())
+
+
 def _try_layout(layout: PacketLayout, came: bytes, seconds: float) -> PacketDecoding | None:
     """Decode bytes with a layout, and return the result; None if the layout does not match."""
     decoder = Decoder(layout, mid_stream=True)
@@ -212,3 +227,12 @@ def table_lines(table: TableConnection) -> list[str]:
     if isfinite(table.wrap_period):
         lines.append(f"  its clock wraps around after {table.wrap_period:.0f} s")
     return lines
+
+
+def chamber_lines(chamber: ChamberConnection) -> list[str]:
+    """Return a text line that describes a chamber."""
+    state = chamber.state
+    door = {None: "not reported", True: "open", False: "closed"}[state.door_open]
+    alarms = ", ".join(state.alarms) or "no alarm"
+    celsius = state.temperature - ZERO_CELSIUS
+    return [f"{chamber.address}: air at {celsius:.2f} °C, door {door}; {alarms}"]

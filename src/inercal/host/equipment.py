@@ -44,7 +44,7 @@ class ChamberState:
     Parameters
     ----------
     temperature : float
-        Measured temperature, K.
+        Measured temperature of the air, K; NaN if its sensor has failed, which is then an alarm.
     door_open : bool or None
         None if the chamber does not report it.
     alarms : tuple of str
@@ -81,7 +81,14 @@ class Chamber(Protocol):
 
 
 CHAMBERS: Registry[Callable[[str, float], Chamber]] = Registry(
-    "inercal.chambers", "chamber", {}, Callable
+    "inercal.chambers",
+    "chamber",
+    {
+        "scpi-chamber": "inercal.host.drivers.scpi_chamber:open_scpi_chamber",
+        "watlow-f4t": "inercal.host.drivers.watlow_f4t:open_watlow_f4t",
+        "sim": "inercal.host.sim.chamber:open_simulated",
+    },
+    Callable,
 )
 INSTRUMENTS: Registry[Callable[[str, float], Instrument]] = Registry(
     "inercal.instruments", "instrument", {}, Callable

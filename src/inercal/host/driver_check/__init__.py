@@ -1,19 +1,23 @@
-"""Checks a table driver against a simulator on this machine: everything that a run relies on.
+"""Checks a driver against a simulator on this machine: everything that a run relies on.
 
-A relay between the two loses, garbles and delays replies. Each check opens the table anew, and the
-table is brought to rest after it, so a failure does not affect the other checks.
+A relay between the two loses, garbles and delays replies. Each check opens the device anew, and
+stops it afterwards, so a failure does not affect the other checks.
 """
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from time import monotonic
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import urlsplit
 
 from inercal.basics.errors import InercalError, InputError
-from inercal.host.addresses import table_host, table_places
+from inercal.host.addresses import resolve_host, table_host
+from inercal.host.driver_check.chamber_checks import CHAMBER_CHECKS, ChamberProbe
 from inercal.host.driver_check.checks import CHECKS
 from inercal.host.driver_check.probe import CheckFailed, Probe
 from inercal.host.driver_check.relay import Relay
-from inercal.host.link import connect_socket
+from inercal.host.equipment import CHAMBERS, open_chamber
+from inercal.host.link import connect_socket, host_and_port
 from inercal.host.table_driver import READ_TIMEOUT
 from inercal.host.table_lock import TableLock
 
@@ -38,12 +42,12 @@ def check_driver(
     now: Callable[[], float] = monotonic,
     begin: Callable[[str], object] = lambda _: None,
 ) -> tuple[CheckResult, ...]:
-    """Carry out all checks of a table's driver.
+    """Carry out all checks of the driver of a table or of a chamber.
 
     Parameters
     ----------
     address : str
-        Address of a simulator that listens on this machine.
+        Address of a simulator of a table or chamber that listens on this machine.
     bench : ControlledBench, optional
         Bench that names the axes, for a driver that needs it.
     timeout : float
@@ -67,25 +71,31 @@ def check_driver(
     ...
     inercal.basics.errors.InputError: 'motor:serial:/dev/ttyUSB0' has no host and port; ...
     """
-    place = table_host(address)
+    chamber = address.partition(":")[0].lower() in CHAMBERS
+    host = host_and_port(urlsplit(address[max(address.find("//"), 0) :]))
+    place = host if chamber else table_host(address)
     if place is None:
         raise InputError(
             f"{address!r} has no host and port; a driver is checked over TCP, because the check "
             "breaks the link: start the simulator on a port",
             key="ADDRESS",
         )
-    if not all(one.startswith("localhost:") for one in table_places(address)):
+    if set(resolve_host(place[0])) != {"localhost"}:
         raise InputError(
-            f"{address!r} is not on this machine; the check moves the table and breaks its link, "
+            f"{address!r} is not on this machine; the check moves the device and breaks its link, "
             "so it only works with a simulator at 127.0.0.1",
             key="ADDRESS",
         )
     results: list[CheckResult] = []
-    with TableLock(address, "a check of its driver"):
+    with nullcontext() if chamber else TableLock(address, "a check of its driver"):
         connect_socket(address, place, _CONNECT_TIMEOUT).close()
         with Relay(place) as relay:
-            probe = Probe(address, bench, timeout, now, relay)
-            for name, check in CHECKS.items():
+            probe: Any = (
+                ChamberProbe(address, timeout, now, relay, open_chamber)
+                if chamber
+                else Probe(address, bench, timeout, now, relay)
+            )
+            for name, check in (CHAMBER_CHECKS if chamber else CHECKS).items():
                 begin(name)
                 try:
                     results.append(CheckResult(name, True, check(probe)))

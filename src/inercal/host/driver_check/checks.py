@@ -8,9 +8,10 @@ from contextlib import suppress
 from itertools import pairwise
 from math import degrees, isfinite, isnan, nan, radians
 from statistics import median
+from typing import Any
 
 from inercal.basics.errors import InputError
-from inercal.host.driver_check.probe import GRACE, CheckFailed, Probe, require
+from inercal.host.driver_check.probe import GRACE, CheckFailed, LinkProbe, Probe, require
 from inercal.host.driver_check.relay import MALFORMED
 from inercal.host.drivers.rotary_table import (
     REST_RATE,
@@ -61,9 +62,9 @@ def limits(probe: Probe) -> str:
         for axis, limit in zip(table.axes, table.limits, strict=True):
             angle = table.read().axes[table.axes.index(axis)].angle
             for what, act in _impossible(table, axis, limit, angle).items():
-                _require_refused(probe, f"axis {axis}: {what}", act)
+                require_refused(probe, f"axis {axis}: {what}", act)
                 count += 1
-        _require_refused(probe, "an unknown axis", lambda: table.spin("?", _RATE, _ACCELERATION))
+        require_refused(probe, "an unknown axis", lambda: table.spin("?", _RATE, _ACCELERATION))
         return f"{count + 1} impossible commands refused"
 
 
@@ -94,7 +95,8 @@ def _impossible(
     return found
 
 
-def _require_refused(probe: Probe, what: str, act: Callable[[], None]) -> None:
+def require_refused(probe: LinkProbe[Any], what: str, act: Callable[[], None]) -> None:
+    """Require that a call raises an `InputError`, and that nothing is sent."""
     before = probe.relay.received_bytes
     refused = False
     try:
@@ -239,7 +241,7 @@ def stop(probe: Probe) -> str:
     return f"at rest after {took:.2f} s, of at most {stopping + GRACE:.2f} s"
 
 
-def lost_link(probe: Probe) -> str:
+def lost_link(probe: LinkProbe[Any]) -> str:
     """Check that a lost and a silent link are errors in time."""
     with probe.open() as table:
         table.read()
@@ -269,18 +271,21 @@ def reconnection(probe: Probe) -> str:
     return "readings continue after an unplugged and a silent link"
 
 
-def malformed_replies(probe: Probe) -> str:
+def malformed_replies(probe: LinkProbe[Any]) -> str:
     """Check that no part of a malformed reply is used."""
+    refused: list[str] = []
     for what, change in MALFORMED.items():
         with probe.open() as table:
             table.read()
-            probe.relay.change = change
-            probe.expect_error(table.read, what)
+            if not (probe.relay.is_binary and change is MALFORMED["letters for digits"]):
+                probe.relay.change = change
+                probe.expect_error(table.read, what)
+                refused.append(what)
         probe.relay.mend()
-    return f"refused: {', '.join(MALFORMED)}"
+    return f"refused: {', '.join(refused)}"
 
 
-def late_reply(probe: Probe) -> str:
+def late_reply(probe: LinkProbe[Any]) -> str:
     """Check that a late reply is not taken for the reply to the next request."""
     with probe.open() as table:
         table.read()
@@ -317,7 +322,7 @@ def after_an_error(probe: Probe) -> str:
     return "the state is right after a refused command, and after one without a reply"
 
 
-def close(probe: Probe) -> str:
+def close(probe: LinkProbe[Any]) -> str:
     """Check that the connection is released, and that a second call does nothing."""
     with probe.open() as table:
         table.read()

@@ -5,12 +5,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from math import degrees
 from time import monotonic
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from inercal.basics.closeable import on_failure
 from inercal.host.addresses import open_table
 from inercal.host.driver_check.relay import Relay
 from inercal.host.drivers.rotary_table import ProtocolError, RotaryTable, TableFault, TableState
+from inercal.host.equipment import Chamber
 from inercal.host.link import LinkLost
 
 if TYPE_CHECKING:
@@ -31,11 +32,58 @@ def require(condition: bool, otherwise: str) -> None:
         raise CheckFailed(otherwise)
 
 
-class Probe:
+D = TypeVar("D", RotaryTable, Chamber)
+
+
+class LinkProbe(Generic[D]):
     """A driver whose link to the simulator the checks can break.
 
-    For the arguments, see `check_driver`.
+    `opener` opens the device at an address. For the other arguments, see `check_driver`.
     """
+
+    def __init__(
+        self,
+        address: str,
+        timeout: float,
+        now: Callable[[], float],
+        relay: Relay,
+        opener: Callable[[str, float], D],
+    ):
+        self.timeout, self.now, self.relay, self._opener = timeout, now, relay, opener
+        self._address = re.sub(r"//[^/?#]*", f"//127.0.0.1:{relay.port}", address, count=1)
+
+    def open(self) -> D:
+        """Open the device through the relay."""
+        return self._opener(self._address, self.timeout)
+
+    def bring_to_rest(self) -> None:
+        """Mend the link, and stop the device, as far as the driver can."""
+        raise NotImplementedError
+
+    def expect_error(self, act: Callable[[], object], what: str) -> float:
+        """Return the wall time in which a call raised a documented error, s."""
+        begun = monotonic()
+        try:
+            act()
+        except (LinkLost, ProtocolError, TableFault):
+            took = monotonic() - begun
+            limit = 2 * self.timeout + _DETECTION_TIME
+            require(took < limit, f"{what}: the error came only after {took:.2f} s")
+            return took
+        raise CheckFailed(f"{what}: no error was raised")
+
+    def read_again(self, device: D, after: str) -> Any:
+        """Return a reading after an error; the first ones may fail."""
+        for left in reversed(range(_ATTEMPTS)):
+            try:
+                return device.read()
+            except (LinkLost, ProtocolError, TableFault) as error:
+                require(left > 0, f"{after}: {_ATTEMPTS} readings failed: {error}")
+        raise AssertionError
+
+
+class Probe(LinkProbe[RotaryTable]):
+    """A driver of a table; `bench` names its axes."""
 
     def __init__(
         self,
@@ -45,12 +93,8 @@ class Probe:
         now: Callable[[], float],
         relay: Relay,
     ):
-        self.bench, self.timeout, self.now, self.relay = bench, timeout, now, relay
-        self._address = re.sub(r"//[^/?#]*", f"//127.0.0.1:{relay.port}", address, count=1)
-
-    def open(self) -> RotaryTable:
-        """Open the table through the relay."""
-        return open_table(self._address, self.bench, self.timeout)
+        self.bench = bench
+        super().__init__(address, timeout, now, relay, lambda at, s: open_table(at, bench, s))
 
     def open_enabled(self) -> RotaryTable:
         """Open the table, and switch on its servos."""
@@ -74,29 +118,8 @@ class Probe:
                 at = ", ".join(f"{degrees(a.angle):.3f}° ({a.status_text})" for a in state.axes)
                 raise CheckFailed(f"the table {otherwise} within {seconds + GRACE:.1f} s: {at}")
 
-    def expect_error(self, act: Callable[[], object], what: str) -> float:
-        """Return the wall time in which a call raised a documented error, s."""
-        begun = monotonic()
-        try:
-            act()
-        except (LinkLost, ProtocolError, TableFault):
-            took = monotonic() - begun
-            limit = 2 * self.timeout + _DETECTION_TIME
-            require(took < limit, f"{what}: the error came only after {took:.2f} s")
-            return took
-        raise CheckFailed(f"{what}: no error was raised")
-
-    def read_again(self, table: RotaryTable, after: str) -> TableState:
-        """Return a reading after an error; the first ones may fail."""
-        for left in reversed(range(_ATTEMPTS)):
-            try:
-                return table.read()
-            except (LinkLost, ProtocolError, TableFault) as error:
-                require(left > 0, f"{after}: {_ATTEMPTS} readings failed: {error}")
-        raise AssertionError
-
     def bring_to_rest(self) -> None:
-        """Mend the link, and stop the table, as far as the driver can."""
+        """See `LinkProbe.bring_to_rest`."""
         self.relay.mend()
         # The check of `stop` reports what fails here.
         with suppress(Exception), self.open() as table:

@@ -54,13 +54,15 @@ class Relay(Closeable):
         Replies that are kept for `release`; None if replies are sent at once.
     received_bytes : int
         Number of bytes that came from the driver.
+    is_binary : bool
+        Whether a reply contained a zero byte, so that its digits are not text.
     connections : int
         Number of open connections.
     """
 
     def __init__(self, place: tuple[str, int]):
         self.change: Change = unchanged
-        self.unplugged, self.received_bytes = False, 0
+        self.unplugged, self.received_bytes, self.is_binary = False, 0, False
         self.held: list[tuple[socket.socket, bytes]] | None = None
         self._place = place
         self._peers: dict[socket.socket, socket.socket] = {}
@@ -157,6 +159,7 @@ class Relay(Closeable):
     def _pass_on(self, end: socket.socket) -> None:
         try:
             data = end.recv(_SIZE)
+            self.is_binary |= end not in self._drivers and b"\0" in data
             if end in self._drivers:
                 self.received_bytes += len(data)
             elif data and self.held is not None:

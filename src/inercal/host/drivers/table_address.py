@@ -49,11 +49,22 @@ class TableAddress:
     def __str__(self) -> str:
         return self.text
 
-    def take(self, key: str, example: str) -> str:
-        """Return the text of a parameter; `example` is shown if the address does not have it."""
+    def take(self, key: str, example: str, default: str | None = None) -> str:
+        """Return the text of a parameter, or `default`; without one, the error shows `example`."""
         if key not in self._left:
+            if default is not None:
+                return default
             raise InputError(f"{self.text!r} has no parameter {key}; add it, such as {example}")
         return self._left.pop(key)
+
+    def number(self, key: str, most: int, default: int | None = None) -> int:
+        """Return the whole number in a parameter, 1 to `most`, or `default`."""
+        text = self.take(key, f"{key}=1", "" if default is None else str(default))
+        if text == str(default):
+            return int(text)
+        if not (re.fullmatch("[1-9][0-9]{0,3}", text) and int(text) <= most):
+            raise InputError(f"{key}={text!r} in {self.text!r}; possible: 1 to {most}", key=key)
+        return int(text)
 
     def axis_numbers(self, key: str, most: int) -> list[int]:
         """Return the axis numbers in a parameter: 1 to `most`, and each at most once."""

@@ -79,7 +79,7 @@ class TextDialogue(Closeable):
                 raise ProtocolError(
                     f"{self.address}: no complete reply to {line!r} within {self._timeout:g} s "
                     f"({len(came)} bytes arrived); the controller may have executed it: check the "
-                    "table"
+                    "device"
                 )
             text, behind = came.split(self._ending, 1)
             if behind or not text.isascii():

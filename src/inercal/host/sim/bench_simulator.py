@@ -25,6 +25,7 @@ from inercal.host.sim.faults import parse_number
 from inercal.host.sim.motion_link import MotionBlock
 from inercal.host.sim.motor import SimulatedMotor
 from inercal.host.sim.pmac import SimulatedPmac
+from inercal.host.sim.scpi_chamber import SimulatedScpiChamber
 from inercal.host.sim.server import ScaledClock, Session, SimulatorServer, execute_commands
 from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
 from inercal.runfile import read
@@ -71,6 +72,7 @@ class BenchDevice:
             if isinstance(task, SpinTask)
         }
         self.mounting = ""
+        self.chamber = SimulatedScpiChamber()
         self.bytes_sent, self.sent_until = 0, 0.0
         self._imu, self._answer_timeout = imu, answer_timeout
         self._imu_is_late = False  # whether the last answer was not in time
@@ -125,11 +127,14 @@ class BenchDevice:
         return self.controller.session()
 
     def fault(self, words: str) -> None:
-        """Set a fault of the table by its text, or mount the sensor with `mounted XY30`."""
-        what, _, mounting = words.partition(" ")
+        """Set a fault of the table, or of the chamber after `chamber`, or mount: `mounted XY30`."""
+        what, _, rest = words.partition(" ")
         if what == "mounted":
-            return self.mount(mounting)
-        self.controller.fault(words)
+            self.mount(rest)
+        elif what == "chamber":
+            self.chamber.fault(rest)
+        else:
+            self.controller.fault(words)
 
     def _send_motion(self) -> None:
         """Send blocks to the IMU, and wait for the answers to all blocks except the last."""
@@ -302,10 +307,13 @@ def main() -> None:
         sys.exit(2)
     granted = isinstance(pace, GrantedClock)
     timeout = _GRANTED_ANSWER_TIMEOUT if granted else _PACED_ANSWER_TIMEOUT
-    server = SimulatorServer(BenchDevice(drawn, imu, timeout), pace, port=options.port)
+    device = BenchDevice(drawn, imu, timeout)
+    server = SimulatorServer(device, pace, port=options.port)
     clock = ClockServer(server, pace) if isinstance(pace, GrantedClock) else None
+    chamber = SimulatorServer(device.chamber, pace, beside=server)
     with server:
-        print(f"at {server.address}" + (f" {clock.address}" if clock else ""), flush=True)
+        at_chamber = device.chamber.driver_address(chamber.address)
+        print(f"at {server.address} {at_chamber}", *([clock.address] if clock else []), flush=True)
         execute_commands(server, sys.stdin, sys.stdout)
 
 

@@ -11,17 +11,18 @@ the chamber is read. After `stop`, with an open door, or after an alarm, the air
 temperature of the room instead.
 """
 
+import re
 from collections.abc import Callable
-from math import exp, inf, nan
-from typing import NamedTuple
+from math import copysign, exp, inf, isfinite, nan
+from time import monotonic
 
 from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.host.equipment import ChamberState
 from inercal.host.link import LinkLost
-from inercal.host.sim.faults import unknown_fault
+from inercal.host.sim.faults import parse_number, unknown_fault
 
-ZERO_CELSIUS = 273.15  # K
 _LIMITER_MARGIN = 10.0  # K above the highest set point, at which the limiter switches off
 _PASSIVE_FACTOR = 5.0  # a closed chamber that is off is this much slower than a controlled one
 FAULTS = ("door", "overtemperature", "sensor", "silent")
@@ -119,11 +120,8 @@ class SimulatedChamber(Closeable):
         match words.split():
             case [what, *state] if what in FAULTS and state in ([], ["on"], ["off"]):
                 self._advance()
-                if state != ["off"]:
-                    self.faults.add(what)
-                else:
-                    self.faults.discard(what)
-                    self._tripped = self._tripped and what != "overtemperature"
+                self.faults = self.faults - {what} if state == ["off"] else self.faults | {what}
+                self._tripped = self._tripped and "overtemperature" in self.faults
             case _:
                 raise unknown_fault(words, f"{', '.join(FAULTS)}, then on or off")
 
@@ -135,53 +133,52 @@ class SimulatedChamber(Closeable):
         """Let time pass up to the present."""
         now = self._time()
         passed, self._last = now - self._last, now
-        trip = self.high + _LIMITER_MARGIN
-        if "overtemperature" in self.faults and not self._tripped and "door" not in self.faults:
-            before = min(passed, max(trip - self._air, 0.0) / self._ramp)
-            self._follow(_Drive(inf, self._lag, self._ramp), before)
-            passed -= before
-            self._tripped = passed > 0 or self._air >= trip
-        self._follow(self._drive(), passed)
+        room, door = self._room, "door" in self.faults
+        if "overtemperature" in self.faults and not (self._tripped or door):
+            heated = max(self.high + _LIMITER_MARGIN - self._air, 0.0) / self._ramp
+            self._tripped = passed >= heated
+            self._follow(inf, self._lag, self._ramp, min(passed, heated))
+            passed -= min(passed, heated)
+        if door:
+            self._follow(room, self._lag, inf, passed)
+        elif self.set_point is None or self.alarms:
+            self._follow(room, _PASSIVE_FACTOR * self._lag, inf, passed)
+        else:
+            self._follow(self.set_point, self._lag, self._ramp, passed)
 
-    def _drive(self) -> "_Drive":
-        """Return what drives the air temperature now."""
-        if "door" in self.faults:
-            return _Drive(self._room, self._lag, inf)
-        if self.set_point is None or self.alarms:
-            return _Drive(self._room, _PASSIVE_FACTOR * self._lag, inf)
-        return _Drive(self.set_point, self._lag, self._ramp)
-
-    def _follow(self, drive: "_Drive", seconds: float) -> None:
-        """Let the air go to its goal for a time: first at the ramp, and then exponentially."""
-        if seconds <= 0:
-            return
-        off = drive.goal - self._air
-        beyond = abs(off) - drive.ramp * drive.lag
+    def _follow(self, goal: float, lag: float, ramp: float, seconds: float) -> None:
+        """Let the air go to a goal for a time: first at the ramp, and then exponentially."""
+        beyond = abs(goal - self._air) - ramp * lag
         if beyond > 0:
-            rate = drive.ramp if off > 0 else -drive.ramp
-            ramped = min(seconds, beyond / drive.ramp)
-            behind = rate * self._case_lag
-            decay = exp(-ramped / self._case_lag)
-            self._case = (
-                self._air + rate * ramped - behind + (self._case - self._air + behind) * decay
-            )
+            rate = copysign(ramp, goal - self._air)
+            ramped = min(seconds, beyond / ramp)
+            lead = rate * self._case_lag - self._air  # as the case follows a ramp
+            self._case = (self._case + lead) * exp(-ramped / self._case_lag) - lead + rate * ramped
             self._air += rate * ramped
             seconds -= ramped
-            off = drive.goal - self._air
         if seconds > 0:
-            fast, slow = exp(-seconds / drive.lag), exp(-seconds / self._case_lag)
-            self._air = drive.goal - off * fast
-            mixed = (
-                seconds / self._case_lag * fast
-                if drive.lag == self._case_lag
-                else drive.lag / (drive.lag - self._case_lag) * (fast - slow)
-            )
-            self._case = drive.goal - (drive.goal - self._case) * slow - off * mixed
+            off = self._air - goal
+            fast, slow = exp(-seconds / lag), exp(-seconds / self._case_lag)
+            if lag == self._case_lag:
+                mixed = seconds / lag * fast
+            else:
+                mixed = lag / (lag - self._case_lag) * (fast - slow)
+            self._air = goal + off * fast
+            self._case = goal + (self._case - goal) * slow + off * mixed
 
 
-class _Drive(NamedTuple):
-    """The goal of the air temperature, K, its time constant, s, and its fastest change, K/s."""
+def open_simulated(
+    address: str, timeout: float = 1.0, time: Callable[[], float] | None = None
+) -> SimulatedChamber:
+    """Return a new chamber in this process for the address `sim`, or `sim:?pace=60`.
 
-    goal: float
-    lag: float
-    ramp: float
+    `time` is the time of a simulated bench, s. Without it, time passes `pace` times as fast as wall
+    time.
+    """
+    parts = re.fullmatch(r"sim(?::(?:\?pace=(.*))?)?", address, re.IGNORECASE)
+    pace = parse_number(parts[1] or "1") if parts else nan
+    if not (pace > 0 and isfinite(pace)):
+        raise InputError(
+            f"{address!r} is not the address of a simulated chamber; possible: sim, sim:?pace=60"
+        )
+    return SimulatedChamber(time or (lambda: pace * monotonic()))

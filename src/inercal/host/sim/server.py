@@ -96,6 +96,7 @@ class SimulatorServer(Generic[D]):
     """Serves a device on a local port (0 selects any free port) or on a pseudo-terminal.
 
     In a `with` block, the server runs in a separate thread. `open_link` can open its `address`.
+    With `beside`, the event loop of another server, which has the same clock, serves this one.
     """
 
     def __init__(
@@ -104,14 +105,15 @@ class SimulatorServer(Generic[D]):
         pace: Callable[[], float] | None = None,
         port: int = 0,
         terminal: bool = False,
+        beside: "SimulatorServer[Any] | None" = None,
     ):
         self.device = device
         self.pace = pace or ManualClock()
         self.faults = Faults()
-        self.lock = RLock()
+        self.lock = beside.lock if beside else RLock()
         self._stopped = False
         self._delayed_replies: list[tuple[float, _Connection, bytes]] = []
-        self._selector = selectors.DefaultSelector()
+        self._selector = beside._selector if beside else selectors.DefaultSelector()
         self._wake_sender, self._wake_receiver = socket.socketpair()
         self._connections: set[_Connection] = set()
         self.add_reader(self._wake_receiver, lambda: self._wake_receiver.recv(_READ_SIZE))
