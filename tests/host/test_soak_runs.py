@@ -77,7 +77,7 @@ def test_a_fault_of_the_chamber_stops_the_turning_table_within_a_second(
         if begun and bench.time > begun[0] + 10:
             driven.request("stop")
 
-    ended = soak(tmp_path / "run", run, act, poll=0.02)
+    ended = soak(tmp_path / "run", run, act)
     assert not ended.done
     assert reacted
     assert reacted[0] - begun[0] < 1.0

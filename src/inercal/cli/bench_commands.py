@@ -251,14 +251,17 @@ def simulate(
     You can type lines to inject faults, such as `imu fault loss 0.01` or `table fault amplifier 2`.
     """
     from inercal.host.bench_simulator import BenchSimulator
+    from inercal.host.tasks import has_soaks
+    from inercal.runfile import read
 
     if rate is not None:
         positive_number("--rate", str(rate))
     paced = pace if pace == "granted" else positive_number("--pace", pace, ", or granted")
     with BenchSimulator(run_file, seed, preset, rate, paced, terminal=not tcp) as bench:
-        print(f"chamber at {bench.chamber}", file=sys.stderr)
         clock = f" --clock {bench.clock}" if bench.clock else ""
-        print(f"inercal bench run {run_file} --table '{bench.table}' --imu '{bench.imu}'{clock}")
+        chamber = f" --chamber '{bench.chamber}'" if has_soaks(read(run_file)) else ""
+        devices = f"--table '{bench.table}' --imu '{bench.imu}'{chamber}{clock}"
+        print(f"inercal bench run {run_file} {devices}")
         sys.stdout.flush()
         for line in sys.stdin:
             which, _, words = line.strip().partition(" ")

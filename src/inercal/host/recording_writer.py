@@ -25,6 +25,7 @@ from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.packets import PacketLayout
 from inercal.host.run_log import CHAMBER, EVENT, TABLE, file_sha256, read_frames
 from inercal.host.table_state_codec import unpack_states
+from inercal.host.tasks import has_soaks
 from inercal.physics.section_settings import key_error
 from inercal.recordings import AngleQuality
 from inercal.recordings.data.recording_loader import readback_columns
@@ -93,9 +94,9 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
                 "description of the packets or in the table's counts",
                 name,
             )
-    soaks = run.environment is not None and run.environment.soaks  # a chamber has a thermometer
-    packets_lack = layout is not None and "temperature" not in layout.roles
-    if data.temperature is not None and layout is not None and packets_lack and not soaks:
+    # A chamber also measures a temperature.
+    has_temperature = layout is None or "temperature" in layout.roles or has_soaks(run)
+    if data.temperature is not None and layout is not None and not has_temperature:
         raise refusal(
             "temperature",
             f"the packets of {layout.name!r} have no temperature; remove this key",

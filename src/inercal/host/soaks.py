@@ -29,7 +29,7 @@ from inercal.basics.errors import InercalError, InputError
 from inercal.basics.units import ZERO_CELSIUS, format_duration
 from inercal.host.equipment import Chamber, ChamberState, open_chamber
 from inercal.host.packets import PacketLayout
-from inercal.host.tasks import host_plan
+from inercal.host.tasks import has_soaks, host_plan
 from inercal.physics.section_settings import key_error
 from inercal.recordings.environment import Environment
 from inercal.runfile import Run
@@ -40,6 +40,9 @@ _REPORT_INTERVAL = 600.0  # s between two messages while the run waits
 # Longest time without a reading, s. A simulated chamber answers at once. A real one may repeat a
 # request, and is no reason to interrupt a step.
 _SIMULATED_SILENCE, _SILENCE = 0.8, 5.0
+# Longest time to wait for a reply, s of wall time. During a run on a simulated bench, the watchdog
+# waits for this reply too.
+_SIMULATED_TIMEOUT, _TIMEOUT = 0.25, 1.0
 _RATE_WINDOW, _RATE_ALLOWANCE = 60.0, 0.3  # s, K
 _LIMIT_MARGIN = 10.0  # K beyond the soaks; the limits if the run file states none
 _SUCCESSIVE = 2  # readings
@@ -66,7 +69,7 @@ def require_chamber(run: Run, layout: PacketLayout, chamber: str) -> None:
     """
     environment = run.environment
     key = "[environment] temperatures"
-    if environment is None or not environment.soaks:
+    if environment is None or not has_soaks(run):
         if chamber:
             raise key_error(
                 key,
@@ -194,7 +197,8 @@ def open_soaks(
     """
     if not address or run.environment is None:
         return None
-    port = ChamberPort(partial(open_chamber, address), synchronous=simulated)
+    timeout = _SIMULATED_TIMEOUT if simulated else _TIMEOUT
+    port = ChamberPort(partial(open_chamber, address, timeout), synchronous=simulated)
     has_thermometer = "temperature" in layout.roles
     return SoakControl(port, run.environment, len(run.steps), say, record, has_thermometer)
 

@@ -35,8 +35,13 @@ def host_plan(run: Run) -> HostPlan:
     """
     kind, bench = run.motion_control, run.bench
     controlled: Any = bench  # the kind of the bench guarantees that there are axes
-    soaks = run.environment.soaks if run.environment is not None else ()
-    return HostPlan(controlled, kind, tuple(kind.tasks(bench, run.steps)) * max(len(soaks), 1))
+    times = len(run.environment.soaks) if run.environment and has_soaks(run) else 1
+    return HostPlan(controlled, kind, tuple(kind.tasks(bench, run.steps)) * times)
+
+
+def has_soaks(run: Run) -> bool:
+    """Return whether a host carries out the plan at several temperatures."""
+    return run.environment is not None and bool(run.environment.soaks)
 
 
 def required_rate(run: Run) -> float:
