@@ -260,8 +260,8 @@ def simulate(
     with BenchSimulator(run_file, seed, preset, rate, paced, terminal=not tcp) as bench:
         clock = f" --clock {bench.clock}" if bench.clock else ""
         chamber = f" --chamber '{bench.chamber}'" if has_soaks(read(run_file)) else ""
-        devices = f"--table '{bench.table}' --imu '{bench.imu}'{chamber}{clock}"
-        print(f"inercal bench run {run_file} {devices}")
+        addresses = f"--table '{bench.table}' --imu '{bench.imu}'{chamber}{clock}"
+        print(f"inercal bench run {run_file} {addresses}")
         sys.stdout.flush()
         for line in sys.stdin:
             which, _, words = line.strip().partition(" ")
