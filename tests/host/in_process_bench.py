@@ -139,7 +139,9 @@ class InProcessBench:
         monkeypatch.setattr(bench_run, "Guard", lambda *_, **__: ReplacedGuard(self))
         monkeypatch.setattr(bench_run, "open_table", lambda *_: self.table())
         port = soaks.ChamberPort
-        monkeypatch.setattr(soaks, "ChamberPort", lambda opener, **_: port(opener, synchronous=True))
+        monkeypatch.setattr(
+            soaks, "ChamberPort", lambda opener, **_: port(opener, synchronous=True)
+        )
         monkeypatch.setattr(soaks, "open_chamber", lambda *_: self.chamber)
         monkeypatch.setattr(bench_run, "open_imu", lambda _, now, *__, **___: Port(self, now))
 

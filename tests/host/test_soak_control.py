@@ -27,9 +27,7 @@ CRITERIA = SoakCriteria(
     limits=(ZERO - 40, ZERO + 80),
     max_rate=10 / 60,
 )
-SOAKS = Environment(
-    "soaks", profile=ChamberProfile((ZERO - 20, ZERO + 25)), criteria=CRITERIA
-)
+SOAKS = Environment("soaks", profile=ChamberProfile((ZERO - 20, ZERO + 25)), criteria=CRITERIA)
 
 
 class Bench:
@@ -127,9 +125,7 @@ def test_a_soak_that_is_lost_must_become_stable_again(bench: Bench):
     bench.wait_until_stable()
 
 
-@pytest.mark.parametrize(
-    ("fault", "named"), [("door", "door"), ("sensor", "sensor failure")]
-)
+@pytest.mark.parametrize(("fault", "named"), [("door", "door"), ("sensor", "sensor failure")])
 def test_a_chamber_that_reports_a_fault_ends_the_run_within_a_second(
     bench: Bench, fault: str, named: str
 ):
@@ -178,9 +174,7 @@ def test_a_temperature_that_runs_away_ends_the_run_within_a_second(
     bench.wait(70.0)
     start, before = bench.time, bench.chamber.read().temperature
     # 1 K/s; 10 K/min are allowed.
-    monkeypatch.setattr(
-        bench.chamber, "read", lambda: ChamberState(before + bench.time - start)
-    )
+    monkeypatch.setattr(bench.chamber, "read", lambda: ChamberState(before + bench.time - start))
     bench.wait(1.0)
     assert bench.words is not None
     assert "10 K/min" in bench.words

@@ -1,6 +1,5 @@
 """Whole runs in a simulated chamber: interlocks, kills, resumed runs, and their calibration."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

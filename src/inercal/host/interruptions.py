@@ -158,9 +158,7 @@ class Interruptions:
         self.trouble = f"{self.trouble}; {words}" if self.trouble else words
         self._say("alarm", words)
 
-    def follow(
-        self, why: _PauseCause, source: TroubleSource, time: float, patience: float
-    ) -> None:
+    def follow(self, why: _PauseCause, source: TroubleSource, time: float, patience: float) -> None:
         """Pause while there is a problem, and end the run if the problem lasts too long."""
         if source.trouble is None:
             self._pauses.pop(why, None)

@@ -1,13 +1,13 @@
-"""Carries out a plan at several temperatures: the chamber, its interlocks, and when soaks are stable.
+"""Controls a chamber while a plan is carried out at several temperatures (soaks).
 
 A soak is stable if, during the whole of the last `steady_time`, the chamber was within `tolerance`
 of the set temperature, and the slope of a straight line through the sensor's own temperatures is
 less than `drift`. Each step of the plan waits until the soak is stable. If the packets contain no
 temperature, only the chamber is checked, and the plan waits for the stated time `wait`.
 
-The chamber is read every 0.25 s. The run ends if the chamber reports an alarm or an open door, or if
-two successive readings T are outside the limits or change faster than the largest permitted rate r.
-Noise is no reason to stop, so they may exceed the rate by 0.3 K::
+The chamber is read every 0.25 s. The run ends if the chamber reports an alarm or an open door, or
+if two successive readings T are outside the limits, or change faster than the largest permitted
+rate r. Noise is no reason to stop, so they may exceed the rate by 0.3 K::
 
     |T(t) − T(t − s)| > r s + 0.3 K for any s up to 60 s
 
@@ -189,7 +189,7 @@ def open_soaks(
     layout: PacketLayout,
     say: Say,
     record: Record,
-    simulated: bool,  # noqa: FBT001
+    simulated: bool,
 ) -> "SoakControl | None":
     """Connect to the chamber at an address; None if there is none.
 
@@ -245,7 +245,7 @@ class SoakControl(Closeable):
         steps: int,
         say: Say,
         record: Record,
-        has_thermometer: bool,  # noqa: FBT001
+        has_thermometer: bool,
     ):
         self.is_stable, self.trouble, self.trouble_since = False, None, 0.0
         self._port, self._steps, self._say, self._record = port, steps, say, record
@@ -412,9 +412,7 @@ class SoakControl(Closeable):
         time, chamber, sensor = np.array(self._samples).T
         if abs(chamber[-1] - target) > criteria.tolerance:
             self._within_since = inf
-            return (
-                f"the chamber is at {_celsius(chamber[-1])}; tolerance: {criteria.tolerance:g} K"
-            )
+            return f"the chamber is at {_celsius(chamber[-1])}; tolerance: {criteria.tolerance:g} K"
         self._within_since = min(self._within_since, self._time)
         if self._has_thermometer and not np.isfinite(sensor).all():
             return "the sensor's temperature is unknown, or was unknown a moment ago"

@@ -212,9 +212,7 @@ def stated_environment(
     )
 
 
-def _possible_temperatures(
-    name: str, texts: Sequence[str], *, allowed: bool
-) -> tuple[float, ...]:
+def _possible_temperatures(name: str, texts: Sequence[str], *, allowed: bool) -> tuple[float, ...]:
     """Return the temperatures of a key, K; raise an error for an impossible temperature."""
     key = f"[environment] {name}"
     kelvin = tuple(si_value(t, "°C", key) for t in texts)

@@ -28,7 +28,6 @@ from inercal.host.sim.pmac import SimulatedPmac
 from inercal.host.sim.scpi_chamber import SimulatedScpiChamber
 from inercal.host.sim.server import ScaledClock, Session, SimulatorServer, execute_commands
 from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
-from inercal.host.tasks import has_soaks
 from inercal.runfile import read
 
 COUNTS_PER_TURN = 3_600_000  # encoder counts per turn
@@ -316,7 +315,8 @@ def main() -> None:
         sys.exit(2)
     granted = isinstance(pace, GrantedClock)
     timeout = _GRANTED_ANSWER_TIMEOUT if granted else _PACED_ANSWER_TIMEOUT
-    device = BenchDevice(drawn, imu, timeout, in_chamber=has_soaks(run))
+    in_chamber = run.environment is not None and bool(run.environment.soaks)
+    device = BenchDevice(drawn, imu, timeout, in_chamber=in_chamber)
     server = SimulatorServer(device, pace, port=options.port)
     clock = ClockServer(server, pace) if isinstance(pace, GrantedClock) else None
     chamber = SimulatorServer(device.chamber, pace, beside=server)

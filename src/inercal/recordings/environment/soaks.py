@@ -218,7 +218,9 @@ def changed_by_soak_errors(
         member = number == soak
         path, track = observations.transitions, observations.track
         samples = None if path is None else _samples_of_soak(observations, path.time, number, soak)
-        followed = None if track is None else _samples_of_soak(observations, track.time, number, soak)
+        followed = (
+            None if track is None else _samples_of_soak(observations, track.time, number, soak)
+        )
         if environment.temperature_sd:
             warmer = path
             if path is not None and path.temperature is not None:

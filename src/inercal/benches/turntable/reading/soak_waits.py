@@ -1,4 +1,4 @@
-"""Leaves out the waits between soaks: while the temperature changes, a sensor is not as modelled."""
+"""Leaves out the waits between soaks, because the model does not hold during fast changes."""
 
 from dataclasses import replace
 from typing import NamedTuple

@@ -167,7 +167,9 @@ def _check_soaks(
     parts = [track.slice(*part) for part in zip(soaks.first_samples, ends, strict=True)]
     if len(parts) == 1:
         return _check_track(run, track.with_known_angles, bench, known)
-    found = [one for part in parts for one in _check_track(run, part.with_known_angles, bench, known)]
+    found = [
+        one for part in parts for one in _check_track(run, part.with_known_angles, bench, known)
+    ]
     return tuple(replace(one, start=None, stop=None) for one in found)
 
 
