@@ -75,7 +75,9 @@ class InProcessBench:
     def restart_imu(self) -> None:
         """Switch the IMU on, or off and on: its counter begins at 0, now."""
         table = self.device.controller.table
-        self._imu = SimulatedImu(self._run, self._drawn, self._rate, 600.0)
+        # The biases drift through all soaks of a run in one block of noise.
+        seconds = 600.0 if self.chamber is None else 2000.0
+        self._imu = SimulatedImu(self._run, self._drawn, self._rate, seconds)
         self._imu_start = self.time, table.cycle
         self.pieces: list[tuple[float, bytes]] = []
         standing = np.zeros((1, len(table.axes), 3))

@@ -66,6 +66,7 @@ def chamber_bench(run: Run, seed: int = 1) -> InProcessBench:
     """Return a bench in a quick chamber."""
     bench = InProcessBench(run, seed)
     bench.chamber = QuickChamber(lambda: bench.time, ramp=1.0, lag=2.0, case_lag=8.0)
+    bench.restart_imu()
     return bench
 
 

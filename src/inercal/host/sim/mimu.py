@@ -146,6 +146,7 @@ class TcpPort:
 
 FAULT_SYNTAX = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
 _SPARE_NOISE = 300.0  # s of noise in addition to one and a half times the plan
+_SOAK_NOISE = 4000.0  # s of noise for the wait before each soak
 
 
 class PacketSender:
@@ -303,7 +304,9 @@ def packet_rate(run: Run, layout: PacketLayout, rate_hz: float | None) -> float:
 
 def noise_duration(run: Run, drawn: SimulatedErrors) -> float:
     """Return the duration of one block of noise, s."""
-    return 1.5 * run.kind.seconds(drawn.bench, run.steps) + _SPARE_NOISE
+    plan = 1.5 * run.kind.seconds(drawn.bench, run.steps)
+    soaks = () if run.environment is None else run.environment.soaks
+    return max(len(soaks), 1) * plan + len(soaks) * _SOAK_NOISE + _SPARE_NOISE
 
 
 def mean_drift(
