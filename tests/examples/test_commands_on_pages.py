@@ -45,6 +45,7 @@ RUN = {
 }
 # Where the Python of the other pages is run.
 PYTHON = {
+    "docs/how-to/chamber.md": "host/chamber/test_chamber_page.py",
     "docs/how-to/own-driver.md": "examples/test_own_driver_page.py",
     "README.md": "examples/test_examples.py",
     "docs/how-to/apply.md": "examples/test_live_example.py",

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+from inercal.host.driver_check.chamber_checks import CHAMBER_CHECKS
 from inercal.host.driver_check.checks import CHECKS
 from inercal.host.drivers.registry import DRIVERS
 from inercal.host.drivers.rotary_table import RotaryTable
@@ -23,13 +24,15 @@ def rows(heading: str) -> list[str]:
 def test_the_excerpts_are_those_of_the_template():
     source = "\n".join(path.read_text(encoding="utf-8") for path in FOLDER.iterdir())
     excerpts = re.findall(r"```(?:python|text)\n((?!  +spindle:).*?)```", TEXT, flags=re.S)
-    assert len(excerpts) == 9
+    assert len(excerpts) == 11
     for text in excerpts:
         assert text in source, text
 
 
 def test_the_table_of_checks_is_complete():
     assert rows("check") == list(CHECKS)
+    *own, shared = rows("check of a chamber")
+    assert [*own, *shared.split(", ")] == list(CHAMBER_CHECKS)
 
 
 def test_the_table_of_members_is_complete():

@@ -258,6 +258,7 @@ def simulate(
         positive_number("--rate", str(rate))
     paced = pace if pace == "granted" else positive_number("--pace", pace, ", or granted")
     with BenchSimulator(run_file, seed, preset, rate, paced, terminal=not tcp) as bench:
+        print(f"chamber at {bench.chamber}", file=sys.stderr)
         clock = f" --clock {bench.clock}" if bench.clock else ""
         chamber = f" --chamber '{bench.chamber}'" if has_soaks(read(run_file)) else ""
         addresses = f"--table '{bench.table}' --imu '{bench.imu}'{chamber}{clock}"

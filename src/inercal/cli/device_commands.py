@@ -68,8 +68,8 @@ def devices(
         lines += imu_lines(reply)
     if chamber:
         found = host_devices.probe_chamber(chamber)
-        content["chamber"] = asdict(found)
-        lines += chamber_lines(found)
+        content["chamber"] = {"address": chamber, "state": asdict(found)}
+        lines += chamber_lines(chamber, found)
     if json:
         console.print_json(content)
         return

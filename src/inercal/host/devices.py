@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
-from math import degrees, isfinite
+from math import degrees, isfinite, isnan
 from time import monotonic
 
 import numpy as np
@@ -73,14 +73,6 @@ class TableConnection:
     limits: tuple[AxisLimits, ...]
     wrap_period: float
     state: TableState
-
-
-@dataclass(frozen=True)
-class ChamberConnection:
-    """The state of a chamber."""
-
-    address: str
-    state: ChamberState
 
 
 def list_serial_ports() -> tuple[SerialPort, ...]:
@@ -157,10 +149,10 @@ def probe_table(
         )
 
 
-def probe_chamber(address: str, timeout: float = 1.0) -> ChamberConnection:
+def probe_chamber(address: str, timeout: float = 1.0) -> ChamberState:
     """Return a chamber's state without changing it; the errors are those of `open_chamber`."""
     with open_chamber(address, timeout) as opened:
-        return ChamberConnection(address, opened.read())
+        return opened.read()
 
 
 def _try_layout(layout: PacketLayout, came: bytes, seconds: float) -> PacketDecoding | None:
@@ -229,10 +221,12 @@ def table_lines(table: TableConnection) -> list[str]:
     return lines
 
 
-def chamber_lines(chamber: ChamberConnection) -> list[str]:
-    """Return a text line that describes a chamber."""
-    state = chamber.state
+def chamber_lines(address: str, state: ChamberState) -> list[str]:
+    """Return a text line that describes the chamber at an address."""
     door = {None: "not reported", True: "open", False: "closed"}[state.door_open]
     alarms = ", ".join(state.alarms) or "no alarm"
-    celsius = state.temperature - ZERO_CELSIUS
-    return [f"{chamber.address}: air at {celsius:.2f} °C, door {door}; {alarms}"]
+    unknown = isnan(state.temperature)
+    air = (
+        "at an unknown temperature" if unknown else f"at {state.temperature - ZERO_CELSIUS:.2f} °C"
+    )
+    return [f"{address}: air {air}, door {door}; {alarms}"]

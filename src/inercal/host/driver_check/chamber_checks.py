@@ -9,13 +9,7 @@ from functools import partial
 from math import inf, nan
 
 from inercal.basics.units import ZERO_CELSIUS
-from inercal.host.driver_check.checks import (
-    close,
-    late_reply,
-    lost_link,
-    malformed_replies,
-    require_refused,
-)
+from inercal.host.driver_check import checks
 from inercal.host.driver_check.probe import CheckFailed, LinkProbe, require
 from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.equipment import Chamber
@@ -68,7 +62,7 @@ def limits(probe: ChamberProbe) -> str:
         probe.relay.wait_for_bytes(probe.timeout)
         for temperature in impossible:
             go = partial(chamber.set_temperature, temperature)
-            require_refused(probe, f"a set point of {temperature:g} K", go)
+            checks.require_refused(probe, f"a set point of {temperature:g} K", go)
     return f"{len(impossible)} impossible set points refused"
 
 
@@ -118,9 +112,9 @@ CHAMBER_CHECKS: dict[str, Callable[[ChamberProbe], str]] = {
     "limits": limits,
     "set point": set_point,
     "stop": stop,
-    "lost link": lost_link,
+    "lost link": checks.lost_link,
     "reconnection": reconnection,
-    "malformed replies": malformed_replies,
-    "late reply": late_reply,
-    "close": close,
+    "malformed replies": checks.malformed_replies,
+    "late reply": checks.late_reply,
+    "close": checks.close,
 }

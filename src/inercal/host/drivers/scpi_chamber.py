@@ -3,11 +3,12 @@
 The commands are data, one `ChamberDialect` for each kind of controller. All temperatures in the
 lines are in °C.
 
-**f4t**, the SCPI commands of the Watlow F4T on port 5025. The lines are listed in the manuals of
-TestEquity (F4T Controller, chapter "Communications"; 101H, chapter 6) and of Watlow (F4T Setup and
-Operations, chapter 6). These commands have no reply, so a query follows each of them. They neither
-switch the control loop off nor return its limits. The address must therefore state the limits, and
-the event output with which the maker of the chamber switches it on:
+**f4t**, the SCPI commands of the Watlow F4T on port 5025. The manuals of TestEquity (F4T
+Controller, chapter "Communications"; 101H, chapter 6) list the commands for the unit and the
+control loop. The commands for outputs are in the Watlow manual 1680-2414, pages 226 and 227; we
+know them only from programs that cite these pages. A command has no reply, so a query follows it.
+No command switches the control loop off or returns its limits. The address must therefore state the
+limits, and the event output with which the maker of the chamber switches it on:
 `scpi-chamber://10.0.0.7?output=1&low=-40&high=130`. If the maker has assigned event outputs to the
 door and to the alarms, `&door=8&alarm=7` names them.
 

@@ -36,7 +36,7 @@ class SimulatedChamber(Closeable):
     time : callable
         Function that returns the time, s.
     start : float
-        Temperature of the air, of the case and of the room at the beginning, K.
+        Temperature of the room, and of the air and the case at the beginning, K.
     ramp : float
         Fastest change of the air temperature, K/s.
     lag, case_lag : float
@@ -172,8 +172,8 @@ def open_simulated(
 ) -> SimulatedChamber:
     """Return a new chamber in this process for the address `sim`, or `sim:?pace=60`.
 
-    `time` is the time of a simulated bench, s. Without it, time passes `pace` times as fast as wall
-    time.
+    Each call returns another chamber, at room temperature. `time` is the time of a simulated bench,
+    s. Without it, time passes `pace` times as fast as wall time.
     """
     parts = re.fullmatch(r"sim(?::(?:\?pace=(.*))?)?", address, re.IGNORECASE)
     pace = parse_number(parts[1] or "1") if parts else nan

@@ -110,13 +110,16 @@ class SimulatorServer(Generic[D]):
         self.device = device
         self.pace = pace or ManualClock()
         self.faults = Faults()
-        self.lock = beside.lock if beside else RLock()
         self._stopped = False
         self._delayed_replies: list[tuple[float, _Connection, bytes]] = []
-        self._selector = beside._selector if beside else selectors.DefaultSelector()
-        self._wake_sender, self._wake_receiver = socket.socketpair()
         self._connections: set[_Connection] = set()
-        self.add_reader(self._wake_receiver, lambda: self._wake_receiver.recv(_READ_SIZE))
+        if beside is None:
+            self.lock, self._selector = RLock(), selectors.DefaultSelector()
+            self._wake_sender, woken = socket.socketpair()
+            self.add_reader(woken, lambda: woken.recv(_READ_SIZE))
+        else:
+            self.lock, self._selector = beside.lock, beside._selector
+            self._wake_sender = beside._wake_sender
         self._listener: socket.socket | None = None
         if terminal:
             line, path = _open_terminal()
