@@ -9,11 +9,12 @@ import pytest
 from tests.host.soak_runs import soak_run
 from tests.refusals import refused
 
+from inercal.host.chamber_port import ChamberPort
 from inercal.host.equipment import ChamberState
 from inercal.host.link import LinkLost
 from inercal.host.packets import read_layout
 from inercal.host.sim.chamber import SimulatedChamber
-from inercal.host.soaks import ChamberPort, SoakControl, require_chamber
+from inercal.host.soaks import SoakControl, require_chamber
 from inercal.recordings.environment import ChamberProfile, Environment, SoakCriteria
 
 ZERO = 273.15

@@ -17,17 +17,18 @@ chamber's own limiter is.
 
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from math import inf, isfinite, nan
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from inercal.basics.arrays import Array
 from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InercalError, InputError
 from inercal.basics.units import ZERO_CELSIUS, format_duration
-from inercal.host.equipment import Chamber, ChamberState, open_chamber
+from inercal.host.chamber_port import ChamberPort
+from inercal.host.equipment import ChamberState, open_chamber
 from inercal.host.packets import PacketLayout
 from inercal.host.tasks import has_soaks, host_plan
 from inercal.physics.section_settings import key_error
@@ -37,9 +38,6 @@ from inercal.runfile import Run
 _INTERVAL = 0.25  # s between two readings of the chamber
 _RECORD_INTERVAL = 1.0  # s between two readings that are recorded and compared with the criteria
 _REPORT_INTERVAL = 600.0  # s between two messages while the run waits
-# Longest time without a reading, s. A simulated chamber answers at once. A real one may repeat a
-# request, and is no reason to interrupt a step.
-_SIMULATED_SILENCE, _SILENCE = 0.8, 5.0
 # Longest time to wait for a reply, s of wall time. During a run on a simulated bench, the watchdog
 # waits for this reply too.
 _SIMULATED_TIMEOUT, _TIMEOUT = 0.25, 1.0
@@ -96,91 +94,6 @@ def require_chamber(run: Run, layout: PacketLayout, chamber: str) -> None:
             'needs to follow the chamber, such as wait = "45 min"',
             run.path,
         )
-
-
-class ChamberPort(Closeable):
-    """The connection to a chamber; a lost connection is opened again at the next exchange.
-
-    Parameters
-    ----------
-    opener : callable
-        Function that connects to the chamber.
-    synchronous : bool
-        Whether `exchange` waits for the reply. If not, a thread waits, so that a slow chamber does
-        not delay the run.
-
-    Attributes
-    ----------
-    target : float or None
-        Set temperature, K; None stops the chamber. The next exchange sends it.
-    silence : float
-        Longest time without a reading, s.
-
-    Raises
-    ------
-    LinkLost
-        No chamber answers.
-    """
-
-    def __init__(self, opener: Callable[[], Chamber], *, synchronous: bool):
-        self.target: float | None = None
-        self.silence = _SIMULATED_SILENCE if synchronous else _SILENCE
-        self._open = opener
-        self._chamber: Chamber | None = opener()
-        self._sent: float | None = nan  # target that the chamber knows; NaN if it is unknown
-        self._thread = None if synchronous else ThreadPoolExecutor(1, "chamber")
-        self._job: Future[ChamberState] | None = None
-
-    def exchange(self) -> ChamberState | None:
-        """Send a new target and return a reading; None if the reading has not arrived yet.
-
-        Raises
-        ------
-        InputError
-            The chamber cannot reach the target.
-        LinkLost, ProtocolError
-            The chamber does not answer, or its reply is not understood.
-        """
-        if self._thread is None:
-            return self._talk()
-        if self._job is None:
-            self._job = self._thread.submit(self._talk)
-        if not self._job.done():
-            return None
-        job, self._job = self._job, None
-        return job.result()
-
-    def stop(self) -> None:
-        """Stop the chamber and wait for the reply; raises the errors of `exchange`."""
-        if self._thread is not None:
-            self._thread.shutdown()
-        self.target = None
-        if self._sent is not None:
-            self._talk()
-
-    def close(self) -> None:
-        """Close the connection."""
-        if self._thread is not None:
-            self._thread.shutdown()
-        if self._chamber is not None:
-            self._chamber.close()
-
-    def _talk(self) -> ChamberState:
-        chamber, target = self._chamber, self.target
-        if chamber is None:
-            self._chamber = chamber = self._open()
-            self._sent = nan
-        try:
-            if target != self._sent:
-                chamber.stop() if target is None else chamber.set_temperature(target)
-                self._sent = target
-            return chamber.read()
-        except InputError:
-            raise
-        except InercalError:
-            self._chamber = None
-            chamber.close()
-            raise
 
 
 def open_soaks(
@@ -409,7 +322,8 @@ class SoakControl(Closeable):
     def _find_unstable(self) -> str:
         """Return why the soak is not stable; empty if it is stable."""
         criteria, target = self._criteria, self._soaks[self._soak]
-        time, chamber, sensor = np.array(self._samples).T
+        columns: Array = np.array(self._samples).T
+        time, chamber, sensor = columns[0], columns[1], columns[2]
         if abs(chamber[-1] - target) > criteria.tolerance:
             self._within_since = inf
             return f"the chamber is at {_celsius(chamber[-1])}; tolerance: {criteria.tolerance:g} K"

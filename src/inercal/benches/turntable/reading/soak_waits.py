@@ -37,7 +37,8 @@ def without_waits(
         if np.ptp(kelvin[start:stop]) > SOAK_SPREAD:
             kept[start:stop] = False
             ends = [max(start - 1, 0), min(stop, labels.size - 1)]
-            waits.append(Interruption(*recording.time[ends].tolist(), "the temperature changed"))
+            begin, end = recording.time[ends].tolist()
+            waits.append(Interruption(begin, end, "the temperature changed"))
             if abs(np.diff(kelvin[ends])) > SOAK_SPREAD:
                 firsts.append(int(np.count_nonzero(kept[:stop])))
     if not waits:
