@@ -332,7 +332,8 @@ class SoakControl(Closeable):
             return "the sensor's temperature is unknown, or was unknown a moment ago"
         covered = time[-1] - time[0] >= criteria.steady_time
         if self._has_thermometer and covered:
-            slope = abs(float(np.polyfit(time - time[0], sensor - sensor[0], 1)[0]))
+            since = time - time.mean()
+            slope = abs(float(since @ (sensor - sensor[0]) / (since @ since)))
             if slope > criteria.drift:
                 return (
                     f"the sensor drifts by {60 * slope:.2g} K/min; allowed: "
