@@ -206,8 +206,10 @@ def test_at_the_end_the_chamber_is_stopped(bench: Bench):
     bench.ended = True
     bench.tick()
     assert bench.chamber.set_point is None
+    reported = list(bench.said)
+    assert [level for level, words in reported if "stopped" in words] == ["info"]
     bench.control.close()
-    assert bench.said[-1][0] == "info"
+    assert bench.said == reported
 
 
 def test_a_chamber_that_cannot_be_stopped_is_an_alarm(bench: Bench):

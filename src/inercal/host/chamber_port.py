@@ -46,6 +46,11 @@ class ChamberPort(Closeable):
         self._thread = None if synchronous else ThreadPoolExecutor(1, "chamber")
         self._job: Future[ChamberState] | None = None
 
+    @property
+    def is_stopped(self) -> bool:
+        """Whether the chamber was stopped and has received no target since then."""
+        return self._sent is None
+
     def exchange(self) -> ChamberState | None:
         """Send a new target and return a reading; None if the reading has not arrived yet.
 

@@ -169,7 +169,7 @@ class SoakControl(Closeable):
             min(self._soaks) - _LIMIT_MARGIN,
             max(self._soaks) + _LIMIT_MARGIN,
         )
-        self._soak, self._ended = -1, False
+        self._soak, self._ended, self._stop_reported = -1, False, False
         self._time = self._since = self._within_since = 0.0
         self._due = self._record_due = self._report_due = -inf
         self._last_reading = nan
@@ -231,6 +231,7 @@ class SoakControl(Closeable):
             return None
         self._due, self._last_reading, self.trouble = time + _INTERVAL, time, None
         if ended:
+            self._report_stop()
             return None
         return self._check(state, sensor) or self._follow_soak(state.temperature, sensor)
 
@@ -343,11 +344,17 @@ class SoakControl(Closeable):
             return f"the temperatures must be steady for {format_duration(self._wait)}"
         return ""
 
+    def _report_stop(self) -> None:
+        """Report once that the chamber has stopped, if it has."""
+        if self._port.is_stopped and not self._stop_reported:
+            self._stop_reported = True
+            self._say("info", "the chamber was stopped; it returns to room temperature by itself")
+
     def close(self) -> None:
         """Stop the chamber, report it, and close the connection."""
         try:
             self._port.stop()
-            self._say("info", "the chamber was stopped; it returns to room temperature by itself")
+            self._report_stop()
         except InercalError as error:
             self._say("alarm", f"the chamber could not be stopped: {error}; stop it by hand")
         finally:
