@@ -25,16 +25,18 @@ KELVIN = np.array([270.0] * 5 + [270, 275, 280, 290, 300] + [300] * 2 + [300, 29
 def recorded() -> RecordingWithAngles:
     n = LABELS.size
     made = Recording(
-        time=np.arange(n) * 1.0,
-        data=np.arange(n)[:, None] * 1.0,
+        time=np.arange(n, dtype=np.float64),
+        data=np.arange(n, dtype=np.float64)[:, None],
         channels=("ax",),
         units=("g",),
         labels=LABELS,
         temperature=KELVIN,
-        readback={"outer": np.arange(n) * 0.1},
+        readback={"outer": 0.1 * np.arange(n, dtype=np.float64)},
     )
     bench: Any = None
-    return RecordingWithAngles(made, bench, quality=AngleQuality(np.ones(n), np.arange(n) * 1.0))
+    return RecordingWithAngles(
+        made, bench, quality=AngleQuality(np.ones(n), np.arange(n, dtype=np.float64))
+    )
 
 
 def test_only_waits_in_which_the_temperature_changes_are_left_out():
@@ -43,7 +45,7 @@ def test_only_waits_in_which_the_temperature_changes_are_left_out():
     kept = np.array([*range(5), 10, 11, 17, 18])
     np.testing.assert_array_equal(shorter.recording.time, kept)
     np.testing.assert_array_equal(shorter.recording.data[:, 0], kept)
-    np.testing.assert_array_equal(shorter.recording.readback["outer"], kept * 0.1)
+    np.testing.assert_array_equal(shorter.recording.readback["outer"], 0.1 * kept)
     np.testing.assert_array_equal(shorter.recording.original, kept)
     assert shorter.quality is not None
     np.testing.assert_array_equal(shorter.quality.interpolation_sd, kept)
