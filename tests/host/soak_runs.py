@@ -90,7 +90,7 @@ def soak(
     )
     with journal:
         said = len(journal.events())
-        with Watched(made, journal, DeviceAddresses(*ADDRESSES, CHAMBER)) as driven:
+        with Watched(made, journal, DeviceAddresses(*ADDRESSES)) as driven:
             driven.act = act
             done = driven.execute_plan()
         return Soaked(done, driven.trouble, journal.events(said))

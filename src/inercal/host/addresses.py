@@ -36,15 +36,11 @@ if TYPE_CHECKING:
 
 
 class DeviceAddresses(NamedTuple):
-    """Addresses of the devices.
-
-    `clock` is empty unless the bench is simulated, and `chamber` is empty if there is no chamber.
-    """
+    """Addresses of the devices; `clock` is empty unless the bench is simulated."""
 
     table: str
     imu: str
     clock: str = ""
-    chamber: str = ""
 
 
 def open_table(address: str, bench: ControlledBench | None, timeout: float = 1.0) -> RotaryTable:

@@ -167,7 +167,7 @@ class BenchRun:
             )
             opened.callback(self._imu.close)
             record, simulated = self.recorder.record_chamber, self._is_simulated
-            self.soaks = open_soaks(addresses.chamber, run, layout, self._say, record, simulated)
+            self.soaks = open_soaks(journal.chamber(), run, layout, self._say, record, simulated)
             if self.soaks is not None:
                 opened.callback(self.soaks.close)
                 self.sequencer.may_begin = self.soaks.may_begin

@@ -77,7 +77,7 @@ def execute_run(
     InercalError
         The run could not be started; see `BenchRun`.
     """
-    addresses = DeviceAddresses(*journal.header().addresses, journal.chamber())
+    addresses = DeviceAddresses(*journal.header().addresses)
     with (
         ExitStack() as after,
         BenchRun(folder, journal, addresses, options, show, show_interval) as run,
