@@ -101,6 +101,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {"rate_table/ship_bench.toml"}  # by tests/host/test_ship_run.py
     run |= {"rate_table/ship_recording.toml"}  # by tests/runs/test_rate_table_simulated.py
     run |= {f"turntable/{name}.toml" for name in ("mimu", "two_clocks", "filter_keys")}
+    run |= {"turntable/soaks.toml"}  # by tests/host/test_soak_runs.py
     run |= {"systematic/imu.toml"}
     run |= {"bench/packets.toml"}  # by tests/host/packets/test_how_to_page.py
     run |= {"bench/plan.toml", "verdict/left_out.toml"}

@@ -13,13 +13,14 @@ import pytest
 from numpy.typing import NDArray
 from tests.host.conftest import ScriptedLink
 
-from inercal.host import bench_run, clock, imu_port, interruptions, recorder, table_driver
+from inercal.host import bench_run, clock, imu_port, interruptions, recorder, soaks, table_driver
 from inercal.host.clock import HostUptime
 from inercal.host.drivers.motor import Motor
 from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.drivers.rotary_table import AxisLimits
 from inercal.host.packets import read_layout
 from inercal.host.sim.bench_simulator import COUNTS_PER_TURN, BenchDevice
+from inercal.host.sim.chamber import SimulatedChamber
 from inercal.host.sim.imu_model import SimulatedImu
 from inercal.host.sim.motion_link import MotionBlock
 from inercal.host.sim.motor import SimulatedMotor
@@ -54,7 +55,11 @@ class InProcessBench:
         By so much the IMU's counter is too high.
     commands : list of str
         What the host has told the controller.
+    chamber : SimulatedChamber or None
+        The chamber around the table, if a test has put it there.
     """
+
+    chamber: SimulatedChamber | None = None
 
     def __init__(self, run: Run, seed: int = 1):
         self._run, self._drawn = run, draw_errors(run, seed)
@@ -70,7 +75,9 @@ class InProcessBench:
     def restart_imu(self) -> None:
         """Switch the IMU on, or off and on: its counter begins at 0, now."""
         table = self.device.controller.table
-        self._imu = SimulatedImu(self._run, self._drawn, self._rate, 600.0)
+        # The biases drift through all soaks of a run in one block of noise.
+        seconds = 600.0 if self.chamber is None else 2000.0
+        self._imu = SimulatedImu(self._run, self._drawn, self._rate, seconds)
         self._imu_start = self.time, table.cycle
         self.pieces: list[tuple[float, bytes]] = []
         standing = np.zeros((1, len(table.axes), 3))
@@ -80,10 +87,12 @@ class InProcessBench:
     def _feel(self, until: float, first_cycle: int, moved: NDArray[np.float64]) -> None:
         start, cycle = self._imu_start
         number = self._imu.next_number
+        kelvin = np.nan if self.chamber is None else self.chamber.case_temperature
         part = MotionBlock(
-            until - start, self._period, first_cycle - cycle, moved, self.device.mounting
+            until - start, self._period, first_cycle - cycle, moved, self.device.mounting, kelvin
         )
-        if data := b"".join(self._packer(number + self.counter_error, self._imu.read_block(part))):
+        readings = self._imu.read_block(part)
+        if data := b"".join(self._packer(number + self.counter_error, readings, kelvin)):
             self.pieces.append((until, bytes(len(data)) if self.garbled else data))
 
     def advance(self, seconds: float) -> None:
@@ -131,6 +140,11 @@ class InProcessBench:
         monkeypatch.setattr(bench_run, "TableLock", lambda *_: nullcontext())
         monkeypatch.setattr(bench_run, "Guard", lambda *_, **__: ReplacedGuard(self))
         monkeypatch.setattr(bench_run, "open_table", lambda *_: self.table())
+        port = soaks.ChamberPort
+        monkeypatch.setattr(
+            soaks, "ChamberPort", lambda opener, **_: port(opener, synchronous=True)
+        )
+        monkeypatch.setattr(soaks, "open_chamber", lambda *_: self.chamber)
         monkeypatch.setattr(bench_run, "open_imu", lambda _, now, *__, **___: Port(self, now))
 
     def table(self) -> Pmac | Motor:

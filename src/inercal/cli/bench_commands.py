@@ -49,6 +49,7 @@ _Answers = Annotated[
 _Register = Annotated[
     str | None, typer.Option(help="Enter the run in this register: an address, or default.")
 ]
+_CHAMBER_HELP = "Address of the temperature chamber, for a plan with soaks."
 _IMU_HELP = "serial:/dev/ttyUSB0?preset=xsens&baud=921600 or tcp://HOST:PORT?preset=…"
 
 
@@ -63,6 +64,7 @@ def run(
             "--out", "-o", help="New folder for the run; by default it is named after the time."
         ),
     ] = None,
+    chamber: Annotated[str, typer.Option(help=_CHAMBER_HELP)] = "",
     clock: _Clock = "",
     speed: _Speed = None,
     patience: _Patience = 120.0,
@@ -85,7 +87,7 @@ def run(
     with console.progress_status("checking the plan"):
         warnings = check_plan(plan)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
-    result, journal = create_run(folder, plan, (table, imu, clock))
+    result, journal = create_run(folder, plan, (table, imu, clock), chamber=chamber)
     with journal, result.removed_on_failure():
         for words in warnings:
             journal.record_event("warning", words)
@@ -98,6 +100,7 @@ def resume(
     folder: Annotated[Path, typer.Argument(help="The folder of a run that was interrupted.")],
     table: Annotated[str, typer.Option(help=f"Needed if the address changed: {TABLE_HELP}")] = "",
     imu: Annotated[str, typer.Option(help=f"Needed if the address changed: {_IMU_HELP}")] = "",
+    chamber: Annotated[str, typer.Option(help="Needed if the address changed.")] = "",
     clock: _Clock = "",
     speed: _Speed = None,
     patience: _Patience = 120.0,
@@ -113,7 +116,7 @@ def resume(
 
     options = run_options(speed, patience, temperature)
     kept = None if register is None else console.open_register(register)
-    result, journal = reopen_run(folder, (table, imu, clock))
+    result, journal = reopen_run(folder, (table, imu, clock), chamber)
     with journal:
         _require_operator(result.run, answers, simulated=bool(journal.header().addresses[2]))
         _complete_run(result, journal, options, kept, operator, answers, explain=explain, json=json)
@@ -248,6 +251,8 @@ def simulate(
     You can type lines to inject faults, such as `imu fault loss 0.01` or `table fault amplifier 2`.
     """
     from inercal.host.bench_simulator import BenchSimulator
+    from inercal.host.tasks import has_soaks
+    from inercal.runfile import read
 
     if rate is not None:
         positive_number("--rate", str(rate))
@@ -255,7 +260,9 @@ def simulate(
     with BenchSimulator(run_file, seed, preset, rate, paced, terminal=not tcp) as bench:
         print(f"chamber at {bench.chamber}", file=sys.stderr)
         clock = f" --clock {bench.clock}" if bench.clock else ""
-        print(f"inercal bench run {run_file} --table '{bench.table}' --imu '{bench.imu}'{clock}")
+        chamber = f" --chamber '{bench.chamber}'" if has_soaks(read(run_file)) else ""
+        addresses = f"--table '{bench.table}' --imu '{bench.imu}'{chamber}{clock}"
+        print(f"inercal bench run {run_file} {addresses}")
         sys.stdout.flush()
         for line in sys.stdin:
             which, _, words = line.strip().partition(" ")

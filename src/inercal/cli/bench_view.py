@@ -91,7 +91,8 @@ def run_panel(run: "BenchRun", keys: str = KEY_HELP, typed: str = "") -> "Render
     if (request := run.mounting_request) is not None:
         words = f"{request.instruction}; then type {WORD} {request.mounting} and Enter"
         mounting = [Text(words, style="bold yellow"), Text(f"> {typed}_")]
-    parts = [head, *mounting, axes, Text(imu), *_live_estimate(run), messages]
+    chamber = [Text(run.soaks.progress)] if run.soaks is not None else []
+    parts = [head, *chamber, *mounting, axes, Text(imu), *_live_estimate(run), messages]
     return Panel(Group(*parts, Text(keys, style="dim")), title=run.name)
 
 

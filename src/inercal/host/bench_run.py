@@ -16,14 +16,14 @@ function.
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
-from math import degrees, inf
+from math import degrees, inf, nan
 from time import monotonic, sleep
 from typing import Literal, Self
 
 import numpy as np
 
 from inercal.basics.errors import InercalError, InputError
-from inercal.benches.motion_control import SpinTask, TurnTask
+from inercal.benches.motion_control import SpinTask
 from inercal.benches.turntable import require_turntable
 from inercal.host.addresses import DeviceAddresses, layout_of_address, open_imu, open_table
 from inercal.host.assembly.poll_record import CLOCK_LOST
@@ -41,12 +41,18 @@ from inercal.host.plan_check import require_feasible_plan
 from inercal.host.recorder import PIECE_MAX, RunRecorder
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import IMU, TABLE
-from inercal.host.sequencer import Command, Sequencer
-from inercal.host.spin_sequencer import MountingPrompt, MountingRequest, SpinSequencer
+from inercal.host.sequencer import Command
+from inercal.host.soaks import SoakControl, open_soaks
+from inercal.host.spin_sequencer import (
+    MountingPrompt,
+    MountingRequest,
+    SpinSequencer,
+    create_sequencer,
+)
 from inercal.host.table_driver import READ_TIMEOUT, TableDriver
 from inercal.host.table_lock import TableLock
 from inercal.host.table_state_codec import pack_state
-from inercal.host.tasks import DEFAULT_OPTIONS, HostPlan, RunOptions, host_plan
+from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions, host_plan
 
 SHOW_INTERVAL = 0.2  # s of wall time between two updates of the display
 _PACKET_TIMEOUT = 5.0  # s
@@ -83,6 +89,8 @@ class BenchRun:
     tasks : tuple of Task
     recorder : RunRecorder
         Records the received data and converts them to samples.
+    soaks : SoakControl or None
+        The chamber of a plan with soaks.
 
     Raises
     ------
@@ -104,7 +112,7 @@ class BenchRun:
     ):
         run, plan = folder.run, host_plan(folder.run)
         bench, self.tasks = plan.bench, plan.tasks
-        self.sequencer = _create_sequencer(plan, journal.completed_steps(), journal.mounting())
+        self.sequencer = create_sequencer(plan, journal.completed_steps(), journal.mounting())
         self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names
         self._journal, self._options = journal, options
         self._show: Callable[[BenchRun], None] = show or _show_nothing
@@ -158,6 +166,11 @@ class BenchRun:
                 partial(open_imu, addresses.imu, clock.now, synchronous=self._is_simulated), tick
             )
             opened.callback(self._imu.close)
+            record, simulated = self.recorder.record_chamber, self._is_simulated
+            self.soaks = open_soaks(journal.chamber(), run, layout, self._say, record, simulated)
+            if self.soaks is not None:
+                opened.callback(self.soaks.close)
+                self.sequencer.may_begin = self.soaks.may_begin
             journal.set_state("running")
             self._open_resources = opened.pop_all()
         self.time, self._next = tick.time, tick.time + self._poll
@@ -275,6 +288,8 @@ class BenchRun:
         for time, data in heard.pieces:
             self.recorder.record_frame(IMU, time, data)
         self._update_last_checks()
+        if self.soaks is not None:
+            self._follow_chamber(self.soaks)
         self._interruptions.update(self.time, self._imu, self._last_checks, self._options.patience)
         if fresh is not None and self._is_plausible(fresh[1]):
             self._advance_sequencer(fresh[1])
@@ -285,6 +300,16 @@ class BenchRun:
         if monotonic() - self._show_time >= self._show_interval:
             self._show_time = monotonic()
             self._show_state()
+
+    def _follow_chamber(self, soaks: SoakControl) -> None:
+        """Read the chamber; end the run if it must end, and pause it if there is no answer."""
+        kelvin = self.recorder.temperature if self._imu.is_receiving else nan
+        ended = self.sequencer.is_over
+        words = soaks.update(self.time, self.sequencer.number, kelvin, ended=ended)
+        if words is not None:
+            self._interruptions.end(words)
+        if not ended:
+            self._interruptions.follow("chamber", soaks, self.time, self._options.patience)
 
     def _show_state(self) -> None:
         """Show the run to its viewers."""
@@ -417,6 +442,9 @@ class BenchRun:
         fresh = block.track.slice(old, block.table.size).with_known_angles
         words = self._interlocks.check_gyros(fresh)
         begin = self.recorder.assembly.recording_start or 0.0
+        if self.sequencer.is_waiting:
+            # The biases of the gyros change with the temperature.
+            self._readback_warnings.restart()
         for warning in self._readback_warnings.find(begin, fresh):
             self._say("warning", warning)
         self._last_checks.record("gyros", self.time)
@@ -474,18 +502,6 @@ class BenchRun:
             driver.leave(self._clock, self._interruptions.add, at_rest=driver.at_rest)
         finally:
             self._open_resources.close()
-
-
-def _create_sequencer(plan: HostPlan, first: int, mounting: str) -> Sequencer | SpinSequencer:
-    """Return the sequencer for a plan from a first step, with the current mounting."""
-    limits, names = plan.bench.axis_motion_limits, plan.bench.names
-    if plan.spins:
-        spins = [task for task in plan.tasks if isinstance(task, SpinTask)]
-        sequencer = SpinSequencer(spins, limits, first, names)
-        sequencer.mounting = mounting
-        return sequencer
-    turns = [task for task in plan.tasks if isinstance(task, TurnTask)]
-    return Sequencer(turns, limits, first, names)
 
 
 def _show_nothing(run: BenchRun) -> None:

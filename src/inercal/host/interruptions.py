@@ -14,11 +14,11 @@ from inercal.host.sequencer import Command, Sequencer
 from inercal.host.spin_sequencer import SpinSequencer
 
 _GUARD_INTERVAL = 0.05  # s of wall time between two checks of the watchdog
-_PauseCause = Literal["operator", "host", "watchdog", "IMU", "interlocks"]
+_PauseCause = Literal["operator", "host", "watchdog", "IMU", "interlocks", "chamber"]
 
 
 class TroubleSource(Protocol):
-    """A source of temporary problems: the IMU, or the interlocks."""
+    """A source of temporary problems: the IMU, the interlocks, or the chamber."""
 
     trouble: str | None
     trouble_since: float
@@ -93,10 +93,10 @@ class Interruptions:
                     self.end("stopped by the operator")
         if self._guard.signal_received or monotonic() - self._guard_check_time >= _GUARD_INTERVAL:
             self.check_guard()
-        self._follow_trouble("IMU", imu, time, patience)
+        self.follow("IMU", imu, time, patience)
         # If not, the reason is the IMU or the host, which has already been reported.
         if imu.trouble is None and "host" not in self._pauses:
-            self._follow_trouble("interlocks", interlocks, time, patience)
+            self.follow("interlocks", interlocks, time, patience)
         if self._sequencer.phase == "paused" and not self._pauses:
             self._say("info", "the run continues")
             self._sequencer.resume()
@@ -158,9 +158,7 @@ class Interruptions:
         self.trouble = f"{self.trouble}; {words}" if self.trouble else words
         self._say("alarm", words)
 
-    def _follow_trouble(
-        self, why: _PauseCause, source: TroubleSource, time: float, patience: float
-    ) -> None:
+    def follow(self, why: _PauseCause, source: TroubleSource, time: float, patience: float) -> None:
         """Pause while there is a problem, and end the run if the problem lasts too long."""
         if source.trouble is None:
             self._pauses.pop(why, None)

@@ -23,6 +23,8 @@ from inercal.host.run_log import os_errors_as_input_errors
 NOTE_LEVEL = "note"  # level of an event written by the operator
 _VERSION = 1
 _MOUNTED = "mounted"  # mark of a mounting in the table of sections
+# A run in a chamber has one more table, so that journals of other runs stay as they are.
+_CHAMBER = "CREATE TABLE IF NOT EXISTS chamber (id INTEGER PRIMARY KEY, address TEXT NOT NULL)"
 _SCHEMA = """
 CREATE TABLE run (begun TEXT NOT NULL, run_file TEXT NOT NULL, table_address TEXT NOT NULL,
                   imu_address TEXT NOT NULL, clock_address TEXT NOT NULL, poll REAL NOT NULL,
@@ -184,6 +186,18 @@ class Journal(Closeable):
         self._execute(
             "UPDATE run SET table_address = ?, imu_address = ?, clock_address = ?", *addresses
         )
+
+    def chamber(self) -> str:
+        """Return the address of the chamber; "" if the run has none."""
+        if not self._rows("SELECT name FROM sqlite_master WHERE name = 'chamber'"):
+            return ""
+        ((address,),) = self._rows("SELECT address FROM chamber")
+        return address
+
+    def set_chamber(self, address: str) -> None:
+        """Record the current address of the chamber."""
+        self._execute(_CHAMBER)
+        self._execute("INSERT OR REPLACE INTO chamber VALUES (1, ?)", address)
 
     def set_state(self, state: str) -> None:
         """Record the state of the run; see `JournalHeader.state`."""

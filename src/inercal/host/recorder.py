@@ -7,7 +7,7 @@ replays the log.
 
 import json
 from collections import deque
-from math import inf, isfinite, nan
+from math import inf, isfinite
 from time import monotonic
 from typing import Any, Literal, NamedTuple
 
@@ -23,7 +23,7 @@ from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator, NavigationSolution, Navigator, is_whole_imu
 from inercal.host.packets import PacketLayout
 from inercal.host.run_folder import RunFolder
-from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, read_frames
+from inercal.host.run_log import CHAMBER, EVENT, IMU, TABLE, LogFrame, RunLog, read_frames
 from inercal.host.sequencer import SectionEvent
 from inercal.host.table_state_codec import unpack_states
 
@@ -93,8 +93,6 @@ class RunRecorder(Closeable):
     navigation : NavigationSolution or None
         Attitude and velocity, computed only from the corrected readings of an IMU. They are
         available after all its coefficients have been estimated.
-    temperature : float
-        Temperature of the IMU, K; NaN if unknown.
     events : int
         Number of events so far.
     recent_messages : deque of (str, str)
@@ -123,7 +121,6 @@ class RunRecorder(Closeable):
         )
         self._navigator = self._new_navigator()
         self.navigation: NavigationSolution | None = None
-        self.temperature = nan
         self.events = 0
         self.recent_messages: deque[tuple[str, str]] = deque(maxlen=_RECENT_COUNT)
         self.blocks: deque[SampleBlock] = deque(maxlen=_RECENT_COUNT)
@@ -142,6 +139,11 @@ class RunRecorder(Closeable):
         if self.live_estimator is None:
             return "ended" if self._estimates else "none"
         return "on" if self.live_estimator.has_estimate else "waits"
+
+    @property
+    def temperature(self) -> float:
+        """Latest temperature of the IMU, K; NaN if unknown."""
+        return self.assembly.imu.temperature
 
     def record_frame(self, kind: int, time: float, payload: bytes) -> None:
         """Record bytes that were received from a device at a run time, s."""
@@ -190,6 +192,10 @@ class RunRecorder(Closeable):
         """
         self._event(time, {"what": "interruption", "cause": cause, "since": time - lasted})
 
+    def record_chamber(self, time: float, chamber: float, target: float) -> None:
+        """Record the temperature and the set temperature of the chamber, K."""
+        self._event(time, {"what": CHAMBER, "temperature": chamber, "target": target})
+
     def record_message(
         self, time: float, level: Literal["info", "warning", "alarm"], words: str
     ) -> None:
@@ -229,7 +235,6 @@ class RunRecorder(Closeable):
         return block
 
     def _update_estimate(self, block: SampleBlock, time: float) -> None:
-        self.temperature = float(block.temperature[-1])
         if self.live_estimator is None:
             return
         if block.starts_recording:

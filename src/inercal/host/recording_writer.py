@@ -1,9 +1,11 @@
 """Writes the recording of a run from the log; the run file names the recording.
 
 [data] names the columns. The group `bench` contains the table's readings, poll by poll, and the
-quality of the interpolated angles. For a table without readback, it contains neither.
+quality of the interpolated angles. For a table without readback, it contains neither. For a run in
+a chamber, it also contains the chamber's temperatures.
 """
 
+import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -21,8 +23,9 @@ from inercal.benches.turntable.reading import host_readback
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.packets import PacketLayout
-from inercal.host.run_log import TABLE, file_sha256, read_frames
+from inercal.host.run_log import CHAMBER, EVENT, TABLE, file_sha256, read_frames
 from inercal.host.table_state_codec import unpack_states
+from inercal.host.tasks import has_soaks
 from inercal.physics.section_settings import key_error
 from inercal.recordings import AngleQuality
 from inercal.recordings.data.recording_loader import readback_columns
@@ -33,6 +36,7 @@ _FRAMES_PER_PIECE = 4096  # frames processed at once
 _NEEDS_H5PY = "writing a recording needs h5py"
 _SUFFIXES = (".h5", ".hdf5")
 _SINGLE_KEYS = ("time", "label", "mounting", "hold", "arm_rate", "temperature")
+_CHAMBER_COLUMNS = ("chamber_time", "chamber_temperature", "chamber_target")  # s, K, K
 _AXIS_KEYS = ("accelerometer", "gyro", "table")  # each names a column for each axis
 
 
@@ -90,7 +94,9 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
                 "description of the packets or in the table's counts",
                 name,
             )
-    if data.temperature is not None and layout is not None and "temperature" not in layout.roles:
+    # A chamber also measures a temperature.
+    has_temperature = layout is None or "temperature" in layout.roles or has_soaks(run)
+    if data.temperature is not None and layout is not None and not has_temperature:
         raise refusal(
             "temperature",
             f"the packets of {layout.name!r} have no temperature; remove this key",
@@ -141,6 +147,7 @@ def write_recording(
     blocks: list[SampleBlock] = []
     said: list[bytes] = []
     heard: list[float] = []
+    chamber: list[tuple[float, float, float]] = []
 
     def take() -> None:
         if (block := assembly.take()) is not None:
@@ -153,6 +160,8 @@ def write_recording(
         if frame.kind == TABLE:
             said.append(frame.payload)
             heard.append(frame.time)
+        elif frame.kind == EVENT and (event := json.loads(frame.payload)).get("what") == CHAMBER:
+            chamber.append((frame.time, event["temperature"], event["target"]))
         if k % _FRAMES_PER_PIECE == 0:
             take()
     take()
@@ -162,7 +171,9 @@ def write_recording(
             "repeat the run",
             file=Path(log),
         )
-    columns = _recording_columns(run, assembly, blocks)
+    of_chamber = np.array(chamber).reshape(-1, 3)
+    of_chamber[:, 0] -= assembly.recording_start or 0.0
+    columns = _recording_columns(run, assembly, blocks, of_chamber)
     tally, path = assembly.tally, Path(folder) / run.data.file
     told: dict[str, Any] = {
         "packets": layout.name,
@@ -196,6 +207,9 @@ def write_recording(
             file.attrs[SIMULATION_KEY] = simulation
         group = file.create_group(host_readback.BENCH_GROUP)
         group.attrs.update(told)
+        if chamber:
+            for name, column in zip(_CHAMBER_COLUMNS, of_chamber.T, strict=True):
+                group[name] = column
         if reads_angles:
             group["heard"] = np.array(heard)
             for name in ("time", "span", "angle", "rate", "following_error"):
@@ -216,9 +230,12 @@ def _interruptions(assembly: SampleAssembler) -> list[host_readback.Interruption
 
 
 def _recording_columns(
-    run: Run, assembly: SampleAssembler, blocks: list[SampleBlock]
+    run: Run, assembly: SampleAssembler, blocks: list[SampleBlock], chamber: Array
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns by the names in [data]."""
+    """Return the columns by the names in [data].
+
+    If the packets contain no temperature, it is the temperature in the rows of `chamber`, (c, 3).
+    """
     data, control = run.data, run.motion_control
     output = np.concatenate([one.output for one in blocks])
     said = np.concatenate([one.angle_output for one in blocks])
@@ -236,7 +253,10 @@ def _recording_columns(
     if (hold := getattr(data, "hold", None)) is not None:
         columns[str(hold)] = np.concatenate([one.hold for one in blocks])
     if data.temperature is not None:
-        kelvin = _fill_missing(np.concatenate([one.temperature for one in blocks]))
+        kelvin = np.concatenate([one.temperature for one in blocks])
+        if chamber.size and not np.isfinite(kelvin).any():
+            kelvin = np.interp(columns[str(data.time)], chamber[:, 0], chamber[:, 1])
+        kelvin = _fill_missing(kelvin)
         columns[str(data.temperature)] = data.thermometer.values(kelvin)
     return columns
 

@@ -24,6 +24,8 @@ from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.journal import Journal, JournalHeader
 from inercal.host.recording_writer import require_recordable
 from inercal.host.run_log import os_errors_as_input_errors
+from inercal.host.soaks import require_chamber
+from inercal.host.tasks import host_plan
 from inercal.runfile import Run, read
 
 LOG, JOURNAL = "run.log", "run.journal"
@@ -97,6 +99,7 @@ def create_run(
     addresses: tuple[str, str, str],
     poll: float = POLL_INTERVAL,
     content: bytes | None = None,
+    chamber: str = "",
 ) -> tuple[RunFolder, Journal]:
     """Create the folder of a run and its journal, before anything moves.
 
@@ -112,6 +115,8 @@ def create_run(
         Time between two readings of the table, s.
     content : bytes, optional
         Content of the copied run file, if it differs from the original.
+    chamber : str
+        Address of the temperature chamber; empty if there is none.
 
     Raises
     ------
@@ -120,7 +125,9 @@ def create_run(
         file of the run. The error is also raised if the run file does not describe a bench run or
         its plan cannot be carried out.
     """
-    require_recordable(run, layout_of_address(addresses[1]))
+    layout = layout_of_address(addresses[1])
+    require_chamber(run, layout, chamber)
+    require_recordable(run, layout)
     path, name = Path(path), run.path.name
     prepare_folder(path)
     copied = name, *_referenced_files(run.path)
@@ -137,7 +144,9 @@ def create_run(
                 temporary.write_bytes(given or (run.path.parent / one).read_bytes())
     folder = RunFolder.open_existing(path, name)
     with folder.removed_on_failure():
-        journal = Journal.create(folder.journal, name, addresses, poll, len(run.steps))
+        journal = Journal.create(folder.journal, name, addresses, poll, len(host_plan(run).tasks))
+        if chamber:
+            journal.set_chamber(chamber)
         config = folder.run.filter
         if config is not None and (changes := config.describe_changes(folder.run.estimator)):
             journal.record_event("info", f"filter keys changed: {changes}")
@@ -169,7 +178,7 @@ def prepare_folder(path: str | os.PathLike[str]) -> None:
 
 
 def reopen_run(
-    path: str | os.PathLike[str], addresses: tuple[str, str, str] = ("", "", "")
+    path: str | os.PathLike[str], addresses: tuple[str, str, str] = ("", "", ""), chamber: str = ""
 ) -> tuple[RunFolder, Journal]:
     """Return the folder and the journal of an interrupted run.
 
@@ -178,6 +187,8 @@ def reopen_run(
     path : path
     addresses : tuple of str
         Addresses of table, IMU and clock, if they have changed.
+    chamber : str
+        Address of the chamber, if it has changed.
 
     Raises
     ------
@@ -205,7 +216,10 @@ def reopen_run(
                 key="--imu",
                 names=(before, after),
             )
+        require_chamber(folder.run, layout_of_address(imu), chamber or journal.chamber())
         journal.set_addresses((table, imu, addresses[2] or was.clock))
+        if chamber:
+            journal.set_chamber(chamber)
     return folder, journal
 
 

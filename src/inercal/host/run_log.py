@@ -31,6 +31,7 @@ if sys.platform != "win32":
     from fcntl import LOCK_EX, LOCK_NB, LOCK_SH, flock
 
 IMU, TABLE, EVENT = 1, 2, 3
+CHAMBER = "chamber"  # kind of the events with the temperatures of a chamber
 _HEAD = Struct("<2sBId")
 _CHECK = Struct("<I")
 _MAGIC = b"\xa5i"

@@ -13,7 +13,7 @@ A section of the recording lasts from the beginning to the end of `work`, by the
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import degrees, pi, radians
 from typing import Generic, Literal, NamedTuple, TypeVar
@@ -115,6 +115,8 @@ class TaskSequencer(ABC, Generic[T]):
         Number of the current task; `len(tasks)` if all tasks are complete.
     sections : list of Section
         Events of sections that began or ended, in order; the caller may remove them.
+    may_begin : callable
+        Function of the number of a task that returns whether the table may approach it now.
     """
 
     def __init__(
@@ -128,10 +130,11 @@ class TaskSequencer(ABC, Generic[T]):
         self.phase: Phase = "enable"
         self.number = first
         self.sections: list[SectionEvent] = []
+        self.may_begin: Callable[[int], bool] = lambda number: True
         self._tasks, self._limits = tuple(tasks), tuple(limits)
         self._commanded = False  # whether the commands of this phase were sent
         self._phase_start, self._time_limit = 0.0, 0.0
-        self._working = False
+        self._working = self._waited = False
         self._motion_suspected = False  # whether an axis moved in a hold at the last reading
 
     @property
@@ -145,9 +148,18 @@ class TaskSequencer(ABC, Generic[T]):
         return self.phase in ("done", "aborted")
 
     @property
+    def is_waiting(self) -> bool:
+        """Whether the table stays at rest until `may_begin` permits the next task."""
+        if self.phase != "approach" or self._commanded:
+            return False
+        return not self.may_begin(self.number)
+
+    @property
     def is_holding(self) -> bool:
-        """Whether the table holds its position for a recording, according to the latest reading."""
+        """Whether the table holds its position, according to the latest reading."""
         task = self.task
+        if self.is_waiting:
+            return True
         return self._working and task is not None and not task.rate and not self._motion_suspected
 
     def remaining_time(self, time: float) -> float:
@@ -191,6 +203,9 @@ class TaskSequencer(ABC, Generic[T]):
         if self.is_over or self.phase == "paused":
             return []
         self._refuse_faults(seen)
+        waited, self._waited = self._waited, self.is_waiting
+        if waited or self._waited:
+            return []  # after a wait, the polls are first frequent again
         if not self._commanded:
             self._commanded, self._phase_start = True, seen.time
             commands, self._time_limit = self._commands(seen)

@@ -23,7 +23,7 @@ from math import inf, pi
 from queue import SimpleQueue
 from typing import Literal, NamedTuple
 
-from inercal.benches.motion_control import SpinTask
+from inercal.benches.motion_control import SpinTask, TurnTask
 from inercal.host.clock import Clock
 from inercal.host.drivers.rotary_table import AxisState, TableState
 from inercal.host.journal import Journal
@@ -33,10 +33,12 @@ from inercal.host.sequencer import (
     Command,
     EnableCommand,
     Phase,
+    Sequencer,
     SpinCommand,
     StopCommand,
     TaskSequencer,
 )
+from inercal.host.tasks import HostPlan
 
 _STEADY_SHARE = 0.01  # fraction of the set rate; within this tolerance, the rate is reached
 _STEADY_TIME = 1.0  # s; the rate must be steady for this time before a state begins
@@ -258,3 +260,15 @@ class MountingPrompt:
         self._journal.record_mounting(step, request.mounting, time)
         self._sequencer.confirm_mounting(step)
         self._say("info", f"{by} confirms: the sensor is mounted as {request.mounting}")
+
+
+def create_sequencer(plan: HostPlan, first: int, mounting: str) -> Sequencer | SpinSequencer:
+    """Return the sequencer for a plan from a first step, with the current mounting."""
+    limits, names = plan.bench.axis_motion_limits, plan.bench.names
+    if plan.spins:
+        spins = [task for task in plan.tasks if isinstance(task, SpinTask)]
+        sequencer = SpinSequencer(spins, limits, first, names)
+        sequencer.mounting = mounting
+        return sequencer
+    turns = [task for task in plan.tasks if isinstance(task, TurnTask)]
+    return Sequencer(turns, limits, first, names)

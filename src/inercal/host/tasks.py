@@ -8,7 +8,7 @@ from inercal.runfile import Run
 
 
 class HostPlan(NamedTuple):
-    """The bench, the tasks and the settings that a host needs from a run file."""
+    """The bench, the tasks of all soaks and the settings that a host needs from a run file."""
 
     bench: ControlledBench
     kind: MotionControl
@@ -35,7 +35,13 @@ def host_plan(run: Run) -> HostPlan:
     """
     kind, bench = run.motion_control, run.bench
     controlled: Any = bench  # the kind of the bench guarantees that there are axes
-    return HostPlan(controlled, kind, tuple(kind.tasks(bench, run.steps)))
+    times = len(run.environment.soaks) if run.environment and has_soaks(run) else 1
+    return HostPlan(controlled, kind, tuple(kind.tasks(bench, run.steps)) * times)
+
+
+def has_soaks(run: Run) -> bool:
+    """Return whether a host carries out the plan at several temperatures."""
+    return run.environment is not None and bool(run.environment.soaks)
 
 
 def required_rate(run: Run) -> float:

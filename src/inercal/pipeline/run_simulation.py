@@ -158,17 +158,18 @@ def _simulate_run(
 def _require_chamber(run: Run) -> None:
     """Raise an error for missing temperatures, or soaks with positions that cannot be repeated."""
     assert run.environment is not None
+    if run.environment.kind == "soaks" and run.kind.name != "hand":
+        raise InputError(
+            f"{run.path}: [environment] kind: method {run.method.name} has no positions that can "
+            'be repeated at another temperature; write kind = "ramp", or simulate a turntable in a '
+            "chamber with inercal bench simulate",
+            file=run.path,
+            key="[environment] kind",
+        )
     try:
         require_profile(run.environment)
     except InputError as error:
         raise error.located(run.path) from None
-    if run.environment.kind == "soaks" and run.kind.name != "hand":
-        raise InputError(
-            f"{run.path}: [environment] kind: method {run.method.name} has no positions that can "
-            'be repeated at another temperature; write kind = "ramp"',
-            file=run.path,
-            key="[environment] kind",
-        )
 
 
 def _stated_labels(run: Run, labels: NDArray[np.str_]) -> NDArray[np.str_]:

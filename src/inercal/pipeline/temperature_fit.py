@@ -214,9 +214,7 @@ def fit_over_temperatures(
             f"method {run.method.name} cannot test orders for {environment.kind}: state them, such "
             "as [1, 1, 0]",
         )
-    if observations.track is not None:
-        _refuse_soaks_of_samples(run)
-    if observations.track is not None or environment.kind == "ramp":
+    if environment.kind == "ramp" or (observations.track is not None and run.environment is None):
         return run, inputs, TemperatureFit(_NO_SOAKS, _orders_of(run))
     soaks = soak_temperatures(observations)
     run = _within_levels(run, distinct_levels(soaks))
@@ -348,16 +346,6 @@ def _require_temperatures(run: Run, observations: Observations) -> None:
             "[data] temperature",
             f"the temperatures are {low:.2f} to {high:.2f} °C, a span of {span:.2g} K; "
             f"temperature coefficients need {LEAST_SPAN:g} K or more",
-        )
-
-
-def _refuse_soaks_of_samples(run: Run) -> None:
-    """Raise an error for soaks if the method is a filter that follows samples."""
-    if run.environment is not None and run.environment.kind == "soaks":
-        raise key_error(
-            "[environment] kind",
-            f"method {run.method.name} follows the samples while the temperature changes; write "
-            'kind = "ramp"',
         )
 
 

@@ -17,7 +17,7 @@ from inercal.physics.section_settings import (
     si_value,
 )
 from inercal.physics.sensors import Sensor
-from inercal.recordings.environment import ChamberProfile, Environment
+from inercal.recordings.environment import ChamberProfile, Environment, SoakCriteria
 from inercal.recordings.temperature import first_impossible, impossible_text
 from inercal.runfile.schema import EnvironmentSection, RunSchema
 
@@ -202,8 +202,9 @@ def stated_environment(
         )
     _require_used(section, schema, sensor, chosen)
     lag = _stated_lag(section, chosen)
+    allowed = schema.data.allow_temperature
     profile = ChamberProfile(
-        _possible_temperatures(section, allowed=schema.data.allow_temperature),
+        _possible_temperatures("temperatures", section.temperatures, allowed=allowed),
         _positive(section, "ramp_rate", "K/s"),
         _positive(section, "wait", "s"),
         _positive(section, "case_time", "s"),
@@ -216,17 +217,46 @@ def stated_environment(
         lag,
         profile,
         _positive(section, "warm_up", "s"),
+        _stated_criteria(section, profile, allowed=allowed),
     )
 
 
-def _possible_temperatures(section: EnvironmentSection, *, allowed: bool) -> tuple[float, ...]:
-    """Return the temperatures for a simulation, K; raise an error for an impossible temperature."""
-    key = "[environment] temperatures"
-    kelvin = tuple(si_value(t, "°C", key) for t in section.temperatures)
+def _possible_temperatures(name: str, texts: Sequence[str], *, allowed: bool) -> tuple[float, ...]:
+    """Return the temperatures of a key, K; raise an error for an impossible temperature."""
+    key = f"[environment] {name}"
+    kelvin = tuple(si_value(t, "°C", key) for t in texts)
     bad = first_impossible(np.array(kelvin), allowed=allowed)
     if bad is not None:
-        raise key_error(key, f"{section.temperatures[bad]!r} is {impossible_text(kelvin[bad])}")
+        raise key_error(key, f"{texts[bad]!r} is {impossible_text(kelvin[bad])}")
     return kelvin
+
+
+_CRITERIA = {
+    "tolerance": "K", "drift": "K/s", "steady_time": "s", "longest_wait": "s", "max_rate": "K/s",
+}  # fmt: skip
+
+
+def _stated_criteria(
+    section: EnvironmentSection, profile: ChamberProfile, *, allowed: bool
+) -> SoakCriteria:
+    """Return the criteria for a run in a chamber; raise an error for impossible values."""
+    given: dict[str, Any] = {}
+    for name, unit in _CRITERIA.items():
+        if getattr(section, name) is not None:
+            given[name] = _positive(section, name, unit)
+            if not given[name]:
+                raise key_error(f"[environment] {name}", "it must be greater than 0")
+    if section.limits is not None:
+        low, high = given["limits"] = _possible_temperatures(
+            "limits", section.limits, allowed=allowed
+        )
+        if not all(low < one < high for one in profile.temperatures) or low >= high:
+            raise key_error(
+                "[environment] limits",
+                f"{section.limits[0]!r} and {section.limits[1]!r} must be the lowest and the "
+                "highest permitted temperature, with all temperatures between them",
+            )
+    return SoakCriteria(**given)
 
 
 def _stated_lag(section: EnvironmentSection, chosen: Method[Any, Any]) -> Measured | None:
@@ -267,7 +297,8 @@ def _require_used(
             "[environment] kind", f'method {chosen.name} needs a ramp; write kind = "ramp"'
         )
     kinds = {axis.measures for axis in sensor.axes}
-    unused: dict[str, str] = {}
+    soaks_only = (*_CRITERIA, "limits") if ramp else ()
+    unused = dict.fromkeys(soaks_only, "it is for the soaks in a chamber")
     for kind, key in (("f", "accelerometer_repeatability"), ("w", "gyro_repeatability")):
         if ramp:
             unused[key] = "a ramp has no soaks, so a bias cannot change from soak to soak"

@@ -248,7 +248,7 @@ class EnvironmentSection(Section):
     temperatures: tuple[str, ...] = optional(
         ["-40 °C", "25 °C", "85 °C"],
         default=(),
-        about="for a simulation: soak temperatures, or turning points of a ramp",
+        about="for a simulation or a chamber: soak temperatures, or turning points of a ramp",
         json_schema_extra=PLANNING,
     )
     ramp_rate: str | None = optional(
@@ -258,12 +258,42 @@ class EnvironmentSection(Section):
     )
     wait: str | None = optional(
         "30 min",
-        about="for a simulation: rest time at each temperature",
+        about="for a simulation or a chamber: rest time at each temperature",
         json_schema_extra=PLANNING,
     )
     case_time: str | None = optional(
         "4 min",
         about="for a simulation: thermal time constant of the case",
+        json_schema_extra=PLANNING,
+    )
+    tolerance: str | None = optional(
+        "0.5 K",
+        about="for a chamber: largest difference from its set temperature during a soak",
+        json_schema_extra=PLANNING,
+    )
+    drift: str | None = optional(
+        "0.1 K/min",
+        about="for a chamber: largest drift of the sensor's own temperature during a soak",
+        json_schema_extra=PLANNING,
+    )
+    steady_time: str | None = optional(
+        "10 min",
+        about="for a chamber: time for which tolerance and drift are kept before the plan starts",
+        json_schema_extra=PLANNING,
+    )
+    longest_wait: str | None = optional(
+        "3 h",
+        about="for a chamber: the run ends if a soak is not stable after this time",
+        json_schema_extra=PLANNING,
+    )
+    limits: tuple[str, str] | None = optional(
+        ["-45 °C", "90 °C"],
+        about="for a chamber: lowest and highest permitted temperature of chamber and sensor",
+        json_schema_extra=PLANNING,
+    )
+    max_rate: str | None = optional(
+        "10 K/min",
+        about="for a chamber: largest permitted rate of its temperature",
         json_schema_extra=PLANNING,
     )
 

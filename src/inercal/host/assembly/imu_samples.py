@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import inf, isfinite
+from math import inf, isfinite, nan
 
 import numpy as np
 
@@ -67,6 +67,8 @@ class ReceivedSamples:
     offset : float or None
         Host time minus IMU time, s: the smallest difference among the first packets. None before it
         is known.
+    temperature : float
+        Latest temperature in a good packet, K; NaN before.
     drops : DroppedPackets
     waiting : list of PacketRows
         Samples in order that nobody has taken yet.
@@ -84,6 +86,7 @@ class ReceivedSamples:
     layout: PacketLayout
     rate_hz: float
     offset: float | None = None
+    temperature: float = nan
     drops: DroppedPackets = field(default_factory=DroppedPackets)
     waiting: list[PacketRows] = field(default_factory=list[PacketRows])
     recent: deque[PacketRows] = field(default_factory=lambda: deque(maxlen=_MAX_RECENT))
@@ -291,6 +294,8 @@ class ReceivedSamples:
                 setattr(self.drops, name, count)
             rows = rows.where(rows.flaw == 0)
         if rows.ticks.size:
+            known = rows.temperature[np.isfinite(rows.temperature)]
+            self.temperature = float(known[-1]) if known.size else self.temperature
             self.waiting.append(rows)
             self.recent.append(rows)
 

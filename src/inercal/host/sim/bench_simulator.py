@@ -13,7 +13,7 @@ import socket
 import sys
 from argparse import ArgumentParser
 from functools import partial
-from math import tau
+from math import nan, tau
 from time import monotonic
 
 import numpy as np
@@ -51,6 +51,8 @@ class BenchDevice:
     answer_timeout : float
         Wall time to wait for the IMU's answer, s. If the IMU answers later, for example because its
         process was stopped, the motion that it missed is sent then.
+    in_chamber : bool
+        Whether the IMU has the temperature of a case in the chamber, and not a constant one.
 
     Attributes
     ----------
@@ -63,6 +65,8 @@ class BenchDevice:
         drawn: SimulatedErrors,
         imu: socket.socket | None = None,
         answer_timeout: float = _GRANTED_ANSWER_TIMEOUT,
+        *,
+        in_chamber: bool = False,
     ):
         self.controller = _create_controller(drawn)
         period = self.controller.table.period
@@ -72,7 +76,7 @@ class BenchDevice:
             if isinstance(task, SpinTask)
         }
         self.mounting = ""
-        self.chamber = SimulatedScpiChamber()
+        self.chamber, self._in_chamber = SimulatedScpiChamber(), in_chamber
         self.bytes_sent, self.sent_until = 0, 0.0
         self._imu, self._answer_timeout = imu, answer_timeout
         self._imu_is_late = False  # whether the last answer was not in time
@@ -97,8 +101,11 @@ class BenchDevice:
             self._until = min(self._until + _MAX_BLOCK, until)
             first = self.controller.table.cycle + 1
             moved = self.controller.table.advance_array(self._until)
+            self.chamber.advance(self._until)
+            kelvin = self.chamber.case_temperature if self._in_chamber else nan
+            period = self.controller.table.period
             self._unsent_blocks.append(
-                MotionBlock(self._until, self.controller.table.period, first, moved, self.mounting)
+                MotionBlock(self._until, period, first, moved, self.mounting, kelvin)
             )
 
     def receive_acknowledgements(self) -> None:
@@ -299,7 +306,8 @@ def main() -> None:
     parser.add_argument("--port", type=int, default=0, help="port of the PMAC; 0: any free one")
     options = parser.parse_args()
     try:
-        drawn = draw_errors(read(options.run), options.seed)
+        run = read(options.run)
+        drawn = draw_errors(run, options.seed)
         pace = GrantedClock() if options.pace == "granted" else ScaledClock(float(options.pace))
         imu = motion_link.connect(options.motion, _CONNECT_TIMEOUT) if options.motion else None
     except (InputError, OSError, ValueError) as error:
@@ -307,7 +315,8 @@ def main() -> None:
         sys.exit(2)
     granted = isinstance(pace, GrantedClock)
     timeout = _GRANTED_ANSWER_TIMEOUT if granted else _PACED_ANSWER_TIMEOUT
-    device = BenchDevice(drawn, imu, timeout)
+    in_chamber = run.environment is not None and bool(run.environment.soaks)
+    device = BenchDevice(drawn, imu, timeout, in_chamber=in_chamber)
     server = SimulatorServer(device, pace, port=options.port)
     clock = ClockServer(server, pace) if isinstance(pace, GrantedClock) else None
     chamber = SimulatorServer(device.chamber, pace, beside=server)

@@ -13,7 +13,7 @@ Each term is a product of at most `MAX_FACTORS` components of the motion that it
 # pyright: reportUntypedFunctionDecorator=false
 
 from dataclasses import replace
-from math import floor, inf
+from math import floor, inf, isnan
 
 import numpy as np
 
@@ -214,7 +214,7 @@ class SimulatedImu:
 
         The readings of missing gyros are 0.
         """
-        until, period, first, moved, mounting = part
+        until, period, first, moved, mounting, temperature = part
         if first == 0:
             # Before time 0, the table was at rest.
             self._ring[:] = moved[0, :, :2]
@@ -229,7 +229,8 @@ class SimulatedImu:
         # way.
         between[..., 1] /= self._clock_ratio
         between[..., 2] /= self._clock_ratio**2
-        reading = self._response(self._sensed_motion(between, mounting))
+        warmth = 0.0 if isnan(temperature) else temperature - self._sensor.reference_temperature
+        reading = self._response(self._sensed_motion(between, mounting), warmth)
         add_noise_and_limits(reading, self._next_noise(numbers), *self._limits)
         if not self._is_ordered:
             reading = reading[:, self._channel_order]

@@ -28,6 +28,7 @@ from argparse import ArgumentParser
 from collections.abc import Callable
 from contextlib import ExitStack, nullcontext, suppress
 from functools import partial
+from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock, Thread
@@ -145,6 +146,7 @@ class TcpPort:
 
 FAULT_SYNTAX = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
 _SPARE_NOISE = 300.0  # s of noise in addition to one and a half times the plan
+_SOAK_NOISE = 4000.0  # s of noise for the wait before each soak
 
 
 class PacketSender:
@@ -169,11 +171,11 @@ class PacketSender:
         self._silent = False
         self._rng = np.random.default_rng([seed, 2])
 
-    def send(self, first: int, readings: np.ndarray) -> None:
-        """Send readings, (n, 6); the first reading has the number `first`."""
+    def send(self, first: int, readings: np.ndarray, kelvin: float = nan) -> None:
+        """Send readings, (n, 6), at a temperature; the first reading has the number `first`."""
         if not len(readings):
             return
-        packets = self._packer(first, readings)
+        packets = self._packer(first, readings, kelvin)
         with self.lock:
             if self._loss:
                 lost = (self._rng.random(len(packets)) < self._loss).tolist()
@@ -221,7 +223,7 @@ def serve_motion(end: socket.socket, imu: SimulatedImu, sender: PacketSender) ->
     with suppress(OSError):
         while (part := motion_link.receive(end)) is not None:
             first = imu.next_number
-            sender.send(first, imu.read_block(part))
+            sender.send(first, imu.read_block(part), part.temperature)
             motion_link.send_byte_count(end, sender.sent)
 
 
@@ -302,7 +304,9 @@ def packet_rate(run: Run, layout: PacketLayout, rate_hz: float | None) -> float:
 
 def noise_duration(run: Run, drawn: SimulatedErrors) -> float:
     """Return the duration of one block of noise, s."""
-    return 1.5 * run.kind.seconds(drawn.bench, run.steps) + _SPARE_NOISE
+    plan = 1.5 * run.kind.seconds(drawn.bench, run.steps)
+    soaks = () if run.environment is None else run.environment.soaks
+    return max(len(soaks), 1) * plan + len(soaks) * _SOAK_NOISE + _SPARE_NOISE
 
 
 def mean_drift(

@@ -6,6 +6,7 @@ due at this time, and then answers with the total number of bytes that it has se
 """
 
 import socket
+from math import nan
 from pathlib import Path
 from select import select
 from struct import Struct
@@ -18,7 +19,8 @@ from inercal.basics.arrays import Array
 
 SOCKET_NAME = "motion"  # name of the socket in the folder of the bench
 _RETRY_INTERVAL = 0.05  # s
-_HEAD = Struct("<ddqqqq")  # until, period, first cycle, cycles, axes, length of the mounting
+# until, period, temperature, first cycle, cycles, axes, length of the mounting
+_HEAD = Struct("<dddqqqq")
 _BYTE_COUNT = Struct("<q")
 
 
@@ -26,6 +28,7 @@ class MotionBlock(NamedTuple):
     """Motion at the ends of some servo cycles: `motion` (n, axes, 3), rad, rad/s, rad/s².
 
     `mounting` is the name of the sensor's mounting; empty if the sensor was never mounted.
+    `temperature` is the temperature of the sensor, K; NaN if the bench has no chamber.
     """
 
     end_time: float
@@ -33,6 +36,7 @@ class MotionBlock(NamedTuple):
     first_cycle: int
     motion: Array
     mounting: str = ""
+    temperature: float = nan
 
 
 def listen(path: Path) -> tuple[socket.socket, str]:
@@ -68,7 +72,8 @@ def send(end: socket.socket, part: MotionBlock) -> None:
     """Send a block; raises `OSError` if the connection is lost."""
     count, axes, _ = part.motion.shape
     name = part.mounting.encode()
-    head = _HEAD.pack(part.end_time, part.period, part.first_cycle, count, axes, len(name))
+    times = part.end_time, part.period, part.temperature
+    head = _HEAD.pack(*times, part.first_cycle, count, axes, len(name))
     end.sendall(head + name + part.motion.tobytes())
 
 
@@ -77,14 +82,14 @@ def receive(end: socket.socket) -> MotionBlock | None:
     head = _receive_exactly(end, _HEAD.size)
     if head is None:
         return None
-    until, period, first, count, axes, size = _HEAD.unpack(head)
+    until, period, temperature, first, count, axes, size = _HEAD.unpack(head)
     name = _receive_exactly(end, size)
     if name is None:
         return None
     moved = np.empty((count, axes, 3))
     if count and not _fill_buffer(end, moved.data.cast("B")):
         return None
-    return MotionBlock(until, period, first, moved, name.decode())
+    return MotionBlock(until, period, first, moved, name.decode(), temperature)
 
 
 def send_byte_count(end: socket.socket, sent: int) -> None:

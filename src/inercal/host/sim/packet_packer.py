@@ -6,6 +6,8 @@ of text, `encode` is used.
 # Numba's decorator is not typed.
 # pyright: reportUntypedFunctionDecorator=false
 
+from math import isnan, nan
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +16,7 @@ from inercal.estimation.kernel_options import njit
 from inercal.host.packets import PacketLayout, encode
 from inercal.host.packets.packet_format import AXES, ROLES, BinaryFrame
 
-_TEMPERATURE = 293.15  # K; the temperature of the simulated IMU
+_TEMPERATURE = 293.15  # K; the temperature of a simulated IMU without a chamber
 _MAX_INTEGER = float(np.nextafter(2.0**63, 0))  # largest signed integer; no device counts further
 _TEMPERATURE_AT, _COUNTER_AT, _TIME_AT, _STATUS_AT = range(len(AXES), len(ROLES))
 
@@ -88,18 +90,22 @@ class PacketPacker:
         self._packets_per_second = max(round(rate_hz), 1)
         self(0, np.zeros((1, len(AXES))))
 
-    def __call__(self, first: int, readings: Array) -> list[bytes]:
-        """Return the packets with some readings; the first reading has the number `first`."""
+    def __call__(self, first: int, readings: Array, kelvin: float = nan) -> list[bytes]:
+        """Return the packets with some readings; the first reading has the number `first`.
+
+        `kelvin` is the temperature of the IMU, K; NaN if the bench has no chamber.
+        """
+        kelvin = _TEMPERATURE if isnan(kelvin) else kelvin
         numbers = np.arange(first, first + len(readings))
         counted = numbers * int(self._layout.step)
         time = (numbers + 1) / self._rate
         if not self._frame_packers:
-            temperature = np.full(len(readings), _TEMPERATURE)
+            temperature = np.full(len(readings), kelvin)
             text = encode(self._layout, readings, counted, time, temperature)
             return text.splitlines(keepends=True)
         given = np.empty((len(readings), len(ROLES)))
         given[:, : len(AXES)] = readings
-        given[:, _TEMPERATURE_AT] = _TEMPERATURE
+        given[:, _TEMPERATURE_AT] = kelvin
         given[:, _COUNTER_AT] = counted
         given[:, _TIME_AT] = time
         given[:, _STATUS_AT] = 0.0

@@ -16,7 +16,7 @@ EnvironmentKind = Literal["soaks", "ramp"]
 
 @dataclass(frozen=True)
 class ChamberProfile:
-    """The set temperatures of a chamber, for simulations.
+    """The set temperatures of a chamber, for simulations and for a host that drives a chamber.
 
     Parameters
     ----------
@@ -26,6 +26,7 @@ class ChamberProfile:
         Rate at which the chamber changes between them, K/s.
     wait : float
         Waiting time at each soak before the plan starts, or at the first temperature of a ramp, s.
+        A host waits at least this long.
     case_time : float
         Time constant with which the sensor follows the chamber, s.
     """
@@ -34,6 +35,34 @@ class ChamberProfile:
     rate: float = 0.0
     wait: float = 0.0
     case_time: float = 0.0
+
+
+@dataclass(frozen=True)
+class SoakCriteria:
+    """When a soak in a chamber is stable, and what ends a run in a chamber.
+
+    Parameters
+    ----------
+    tolerance : float
+        Largest difference between the chamber and its set temperature, K.
+    drift : float
+        Largest drift of the sensor's own temperature, K/s.
+    steady_time : float
+        Time for which tolerance and drift must be kept before the plan starts, s.
+    longest_wait : float
+        Time after which a run ends if the soak is still not stable, s.
+    limits : (float, float) or None
+        Lowest and highest permitted temperature of chamber and sensor, K.
+    max_rate : float
+        Largest permitted rate of the chamber's temperature, K/s.
+    """
+
+    tolerance: float = 1.0
+    drift: float = 0.1 / 60
+    steady_time: float = 600.0
+    longest_wait: float = 3 * 3600.0
+    limits: tuple[float, float] | None = None
+    max_rate: float = 10 / 60
 
 
 @dataclass(frozen=True)
@@ -52,9 +81,11 @@ class Environment:
         Time by which the recorded temperature lags behind the sensing element, s. None means
         unknown: a ramp then estimates it, and soaks neglect it.
     profile : ChamberProfile
-        Set temperatures, for a simulation.
+        Set temperatures, for a simulation or a run in a chamber.
     warm_up : float
         Time constant of a bias warm-up during a ramp, s; 0 means no warm-up.
+    criteria : SoakCriteria
+        Criteria of a run in a chamber.
     """
 
     kind: EnvironmentKind
@@ -64,6 +95,12 @@ class Environment:
     lag: Measured | None = None
     profile: ChamberProfile = field(default_factory=ChamberProfile)
     warm_up: float = 0.0
+    criteria: SoakCriteria = field(default_factory=SoakCriteria)
+
+    @property
+    def soaks(self) -> tuple[float, ...]:
+        """Set temperatures of the soaks, K; empty for a ramp, or if none are stated."""
+        return self.profile.temperatures if self.kind == "soaks" else ()
 
 
-__all__ = ["ChamberProfile", "Environment", "EnvironmentKind"]
+__all__ = ["ChamberProfile", "Environment", "EnvironmentKind", "SoakCriteria"]

@@ -25,7 +25,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.estimation import Estimate
 from inercal.physics.sensors import Sensor, inverse
-from inercal.recordings import Observations, Transitions
+from inercal.recordings import Observations
 from inercal.recordings.environment import Environment
 
 SOAK_SPREAD = 3.0  # K; rows that differ by more belong to different soaks
@@ -216,17 +216,25 @@ def changed_by_soak_errors(
     sizes = {"f": environment.force_repeatability, "w": environment.rate_repeatability}
     for soak in range(int(number.max()) + 1):
         member = number == soak
-        path = observations.transitions
-        samples = None if path is None else _samples_of_soak(observations, path, number, soak)
+        path, track = observations.transitions, observations.track
+        samples = None if path is None else _samples_of_soak(observations, path.time, number, soak)
+        followed = (
+            None if track is None else _samples_of_soak(observations, track.time, number, soak)
+        )
         if environment.temperature_sd:
             warmer = path
             if path is not None and path.temperature is not None:
                 warmth = path.temperature + environment.temperature_sd * np.asarray(samples)
                 warmer = replace(path, temperature=warmth)
+            warmed = track
+            if track is not None and track.temperature is not None:
+                warmth = track.temperature + environment.temperature_sd * np.asarray(followed)
+                warmed = replace(track, temperature=warmth)
             yield replace(
                 observations,
                 temperature=kelvin + environment.temperature_sd * member,
                 transitions=warmer,
+                track=warmed,
             )
         for k, axis in enumerate(sensor.axes):
             if not sizes[axis.measures]:
@@ -238,13 +246,18 @@ def changed_by_soak_errors(
                 output = path.output.copy()
                 output[samples, k] += sizes[axis.measures] * axis.readout.scale
                 moved = replace(path, output=output)
-            yield replace(observations, mean=mean, transitions=moved)
+            shifted = track
+            if track is not None:
+                reading = track.reading.copy()
+                reading[..., followed, k] += sizes[axis.measures]
+                shifted = replace(track, reading=reading)
+            yield replace(observations, mean=mean, transitions=moved, track=shifted)
 
 
 def _samples_of_soak(
-    observations: Observations, path: Transitions, number: NDArray[np.int64], soak: int
+    observations: Observations, time: Array, number: NDArray[np.int64], soak: int
 ) -> NDArray[np.bool_]:
     """Return which samples belong to a soak, (n,): from its first row to that of the next one."""
     order = np.argsort(observations.time, kind="stable")
-    row = np.searchsorted(observations.time[order], path.time, side="right") - 1
+    row = np.searchsorted(observations.time[order], time, side="right") - 1
     return number[order][np.maximum(row, 0)] == soak

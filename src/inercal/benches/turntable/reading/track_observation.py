@@ -33,6 +33,7 @@ from inercal.benches.turntable.reading.sample_checks import (
     require_turning,
     spike_findings,
 )
+from inercal.benches.turntable.reading.soak_waits import SoakWaits, without_waits
 from inercal.benches.turntable.reading.step_labels import compare_with_plan, label_steps
 from inercal.benches.turntable.reading.still_table_observation import observe_without_angles
 from inercal.benches.turntable.reading.track_checks import (
@@ -96,6 +97,7 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
         holds = find_holds(recording.time, error.angles, None, settling_time(bench))
         _check_track(run, _build_track(run, recording, error.angles, holds), bench, alike=False)
         raise  # the checks raise an error with a cause, if they find one
+    read, soaks = without_waits(read, run.environment)
     recording, bench = read.recording, read.bench
     angles = np.stack([recording.readback[name] for name in bench.names], axis=-1)
     named = tuple(readback_columns(run)[name] for name in bench.names)
@@ -119,7 +121,7 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
     findings = (
         *recording.findings,
         *spike_findings(recording, run.sensor),
-        *_check_track(run, track.with_known_angles, bench, read.interruptions),
+        *_check_soaks(run, track, bench, read.interruptions, soaks),
     )
     turns = find_turns(recording.time, angles, recording.labels)
     if HOLD_COLUMN in recording.readback and recording.labels is not None:
@@ -150,6 +152,25 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
         bench=bench,
         notes=read.notes,
     )
+
+
+def _check_soaks(
+    run: RunBase[TurntableData],
+    track: Track,
+    bench: Turntable,
+    interruptions: Sequence[Interruption],
+    soaks: SoakWaits,
+) -> tuple[Finding, ...]:
+    """Check the track of each soak, because the checks assume constant biases and scales."""
+    known = (*interruptions, *soaks.waits)
+    ends = (*soaks.first_samples[1:], track.time.size)
+    parts = [track.slice(*part) for part in zip(soaks.first_samples, ends, strict=True)]
+    if len(parts) == 1:
+        return _check_track(run, track.with_known_angles, bench, known)
+    found = [
+        one for part in parts for one in _check_track(run, part.with_known_angles, bench, known)
+    ]
+    return tuple(replace(one, start=None, stop=None) for one in found)
 
 
 def _check_track(
