@@ -56,7 +56,7 @@ class SimulatedSpindle(Controller):
         if not self._axis.closed:
             return "ERR drive fault"
         self._axis.speed = radians(abs(rate))
-        self._axis.acceleration = self._axis.abort = radians(acceleration)
+        self._axis.acceleration = radians(acceleration)
         if goal is not None:
             self.table.move_axis(0, radians(goal))
         elif rate == 0:

@@ -60,6 +60,8 @@ def test_an_acutrol_is_opened_with_its_axes():
             assert table.axes == BENCH.names
         with open_table(_at("acutrol", server, "axes=2"), SINGLE, 5.0) as table:
             assert table.axes == ("outer",)
+        with open_table(f"acutrol:{server.address}?axes=1", SINGLE, 5.0) as table:
+            assert table.identity() == "inercal,simulated ACUTROL3000"
 
 
 @pytest.mark.parametrize("terminal", [False, True])
@@ -96,6 +98,8 @@ def test_a_motor_is_opened_over_any_link_and_held_to_the_benchs_limits(terminal:
         ("pmac://h:99999?motors=1,2,3&counts=1", "has no valid host and port"),
         ("pmac://?motors=1,2,3&counts=1", "has no valid host and port"),
         ("acutrol://h?axes=1,2,3", "has no valid host and port"),
+        ("acutrol:tcp://h?axes=1,2,3", "has no valid host and port"),
+        ("acutrol:serial:/dev/ttyS0?axes=1,2,3", "has no valid host and port"),
         ("acutrol://h:1", "has no parameter axes"),
         ("motor:serial:/dev/ttyS0", "gives 1 motor, but the bench has the axes"),
         ("motor:/dev/ttyS0", "has no link after"),

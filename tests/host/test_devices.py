@@ -3,6 +3,7 @@
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from math import inf, radians
 from threading import Event, Thread
 from typing import Any
@@ -115,6 +116,9 @@ def test_a_pmac_says_what_it_is_and_how_it_is_set(pmac: SimulatorServer[Simulate
     assert found.wrap_period == pytest.approx(7427.4, abs=0.1)
     assert found.state.time == pytest.approx(5.0, abs=1e-3)
     assert not any(axis.enabled for axis in found.state.axes)
+    limit = replace(found.limits[0], following_error=radians(2.5))
+    (_, line, *_) = devices.table_lines(replace(found, limits=(limit, *found.limits[1:])))
+    assert line.endswith("following error 2.5 °")
 
 
 def test_an_acutrol_and_a_motor_say_what_they_can():
@@ -126,6 +130,8 @@ def test_an_acutrol_and_a_motor_say_what_they_can():
         found = devices.probe_table(f"motor:{server.address}", timeout=5.0)
     assert found.identity == ""
     assert found.limits[0].rate == inf
+    (_, line) = devices.table_lines(found)
+    assert line.endswith("no soft limits")
 
 
 def test_ports_are_those_of_the_system(monkeypatch: pytest.MonkeyPatch):

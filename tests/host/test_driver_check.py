@@ -12,7 +12,9 @@ from tests.refusals import refused
 from inercal.host.driver_check import CheckResult, check_driver
 from inercal.host.driver_check.checks import CHECKS
 from inercal.host.drivers.registry import DRIVERS
+from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.sim.acutrol import SimulatedAcutrol
+from inercal.host.sim.dynamics import LineSession
 from inercal.host.sim.motor import SimulatedMotor
 from inercal.host.sim.pmac import SimulatedPmac
 from inercal.host.sim.server import SimulatorServer, SteppingClock
@@ -151,13 +153,13 @@ NEAR_GOAL = (
 
 
 @contextmanager
-def template(fault: Fault | None = None) -> Generator[SimulatorServer[Any]]:
-    """Serve the template's simulator, its driver being registered; either may have a fault."""
+def template(*changes: Fault) -> Generator[SimulatorServer[Any]]:
+    """Serve the template's simulator, its driver being registered; both may be changed."""
     modules: dict[str, ModuleType] = {}
     left_open: list[Any] = []
     for name in ("spindle", "spindle_simulator"):
         text = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
-        if fault is not None and fault.where == name:
+        for fault in (one for one in changes if one.where == name):
             assert text.count(fault.right) == 1
             text = text.replace(fault.right, fault.wrong)
             if "self._goal" in fault.wrong:
@@ -192,6 +194,60 @@ def test_a_planted_fault_is_found_by_the_checks_that_it_concerns(name: str):
     with template(FAULTS[name]) as server:
         results = check(server, f"spindle:{server.address}")
     assert failed(results) == FAULTS[name].found_by, results
+
+
+def change(where: str, right: str, wrong: str) -> Fault:
+    return Fault(where, right, wrong, set())
+
+
+UNWRAPPED = change(
+    "spindle",
+    "TableState(self._number(time)",
+    "TableState(self.unwrapped_time(self._number(time))",
+)
+
+
+@pytest.mark.parametrize(
+    ("stated", "changes", "found_by"),
+    [
+        (0.4, (UNWRAPPED,), set[str]()),
+        (0.4, (), {"clock"}),
+        (400.0, (UNWRAPPED,), {"clock"}),
+        (1e-3, (UNWRAPPED,), {"identity", "clock"}),
+    ],
+)
+def test_a_clock_that_wraps_within_the_check_needs_the_right_period(
+    stated: float, changes: tuple[Fault, ...], found_by: set[str]
+):
+    clock = change("spindle_simulator", "{self.time:.3f}", "{self.time % 0.4:.3f}")
+    begins = "        self.unsupported = {"
+    period = change("spindle", begins, f"        self.wrap_period = {stated}\n{begins}")
+    with template(clock, period, *changes) as server:
+        results = check(server, f"spindle:{server.address}")
+    assert failed(results) == found_by, results
+
+
+def test_a_driver_for_a_network_only_passes_at_both_forms_of_its_address():
+    with template(change("spindle", "address.link()", "address.tcp()")) as server:
+        assert failed(check(server, f"spindle:{server.address}")) == set()
+        assert failed(check(server, f"spindle://127.0.0.1:{server.port}")) == set()
+
+
+class Echo(SimulatedMotor):
+    """A controller that repeats each line, and ends it with CR LF."""
+
+    ending = b"\n"
+
+    def session(self) -> Any:
+        return LineSession(self.ending, lambda line: f"{line!r}\r\n")
+
+
+@pytest.mark.parametrize("ending", [b"\n", b"\r\n"])
+def test_lines_that_end_with_cr_and_lf_are_read_without_them(ending: bytes):
+    device = Echo()
+    device.ending = ending
+    with SimulatorServer(device) as server, TextDialogue(server.address, ending, 5.0) as dialogue:
+        assert [dialogue.ask(b"A 1\r\n") for _ in range(2)] == ["'A 1'"] * 2
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 """What all tables share."""
 
 from collections.abc import Callable
-from math import inf, radians
+from math import inf, nan, radians
 from typing import Any
 
 import pytest
@@ -54,6 +54,25 @@ def test_every_driver_is_told_the_same_and_its_table_does_the_same(
         table.stop()
         server.advance(75.0)
         assert table.read().axes[0].settled
+
+
+@pytest.mark.parametrize(
+    ("period", "reported", "continued"),
+    [
+        (10.0, [8.0, 9.5, 1.0, 9.0, 2.0], [8.0, 9.5, 11.0, 9.0, 12.0]),  # 9.0 has a wrong digit
+        (10.0, [nan, 9.5, 0.5, nan, 1.0], [nan, 9.5, 10.5, nan, 11.0]),
+        (10.0, [3.0, 2.0], [3.0, 2.0]),  # the controller has set its clock
+        (inf, [8.0, 9.5, 1.0], [8.0, 9.5, 1.0]),
+    ],
+)
+def test_the_time_continues_where_the_clock_wraps(
+    period: float, reported: list[float], continued: list[float]
+):
+    with SimulatorServer(SimulatedMotor()) as server, _motor(server.address) as table:
+        table.wrap_period = period
+        assert [table.unwrapped_time(time) for time in reported] == pytest.approx(
+            continued, nan_ok=True
+        )
 
 
 def test_a_move_is_over_only_in_position_and_with_no_rate_commanded():

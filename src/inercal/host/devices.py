@@ -210,10 +210,11 @@ def table_lines(table: TableConnection) -> list[str]:
             soft = f"soft limits {degrees(limit.low):.6g} to {degrees(limit.high):.6g} °"
         servo = "servo on" if axis.enabled else "servo off"
         homed = "homed" if axis.homed else "not homed"
+        most = degrees(limit.following_error)
         lines.append(
             f"  {name}: at {degrees(axis.angle):.4f} °, {servo}, {homed}; up to "
-            f"{degrees(limit.rate):.6g} °/s and {degrees(limit.acceleration):.6g} °/s², {soft}, "
-            f"following error {degrees(limit.following_error):.6g} °"
+            f"{degrees(limit.rate):.6g} °/s and {degrees(limit.acceleration):.6g} °/s², {soft}"
+            + (f", following error {most:.6g} °" if isfinite(most) else "")
             + (f"; {', '.join(axis.faults)}" if axis.faults else "")
         )
     if isfinite(table.wrap_period):

@@ -44,6 +44,9 @@ def identity(probe: Probe) -> str:
         require(len(table.limits) == count, f"{len(table.limits)} limits for {count} axes")
         require(len(state.axes) == count, f"a reading has {len(state.axes)} axes, not {count}")
         require(table.wrap_period > 0, f"the clock wraps after {table.wrap_period} s")
+        late = state.time > table.wrap_period + state.span
+        wraps = f"the clock wraps after {table.wrap_period:.6g} s"
+        require(not late, f"{wraps}, but the first reading has the time {state.time:.6g} s")
         unknown = set(table.unsupported) - {"servo", "home"}
         require(not unknown, f"`unsupported` contains {unknown}; possible: servo, home")
         for axis, limits, one in zip(table.axes, table.limits, state.axes, strict=True):
@@ -197,8 +200,12 @@ def clock(probe: Probe) -> str:
         if all(isnan(time) for time in times):
             return f"no clock; the time of arrival is used ({1e3 * trips:.1f} ms for a reading)"
         require(all(map(isfinite, times)), "some readings have a time and others have none")
-        back = any(b < a for a, b in pairwise(times))
-        require(not back, "the clock goes back")
+        for a, b in pairwise(times):
+            require(
+                a <= b,
+                f"the clock goes back from {a:.6g} s to {b:.6g} s; if it wraps around, read() "
+                "needs `unwrapped_time` and the right `wrap_period`",
+            )
         (begun, began, first), (ends, ended, last) = read[0], read[-1]
         passed = last.time - first.time
         spare = _CLOCK_STEP + first.span + last.span + _CLOCK_TOLERANCE * (ended - begun)

@@ -9,7 +9,7 @@ ms corresponds to 0.6°.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import degrees, inf, isfinite, radians
+from math import degrees, inf, isfinite, nan, radians
 from typing import Literal
 
 from inercal.basics.closeable import Closeable
@@ -82,7 +82,7 @@ class AxisState:
         Values in rad, rad/s and rad. They are measured by the encoder, not commanded.
     in_position, moving : bool
         Whether the axis is within the servo's tolerance around its target, and whether it is
-        commanded to move.
+        commanded to move. An axis that was stopped is in position where it was stopped.
     enabled, homed : bool
         Whether the servo holds the axis, and whether the zero of the axis was found.
     faults : tuple of str
@@ -128,7 +128,8 @@ class TableState:
     ----------
     time : float
         Time of the controller's servo clock, s; NaN if it is not reported. If the clock wraps
-        (`RotaryTable.wrap_period`), the time continues as long as the connection is open.
+        (`RotaryTable.wrap_period`), the time continues as long as the driver object exists; see
+        `RotaryTable.unwrapped_time`.
     axes : tuple of AxisState
     span : float
         Time in the controller between the first and the last number of the reading, s; 0 if all
@@ -164,6 +165,7 @@ class RotaryTable(Closeable, ABC):
     limits: tuple[AxisLimits, ...]
     wrap_period: float = inf
     unsupported: Mapping[Feature, str]
+    _last_time, _wrapped_time = nan, 0.0
 
     @abstractmethod
     def identity(self) -> str:
@@ -201,6 +203,19 @@ class RotaryTable(Closeable, ABC):
     def read(self) -> TableState:
         """Return the present state of the table."""
 
+    def unwrapped_time(self, time: float) -> float:
+        """Return a time that continues where the controller's clock wraps around, s.
+
+        Call this once for each reading, with the time that the controller reports. A step back by
+        more than half of `wrap_period` is a wrap, and as large a step forward undoes one, because
+        it was a wrong digit. The table must be read more often than this.
+        """
+        step = time - self._last_time
+        if isfinite(self.wrap_period) and isfinite(step):
+            self._wrapped_time -= self.wrap_period * round(step / self.wrap_period)
+        self._last_time = time
+        return time + self._wrapped_time
+
     def indices(self, axis: str | None) -> tuple[int, ...]:
         """Return the index of one axis, or the indices of all axes; see `axis_index`."""
         return tuple(range(len(self.axes))) if axis is None else (axis_index(axis, self.axes),)
@@ -234,7 +249,8 @@ def require_unique_names(axes: tuple[str, ...]) -> None:
 def stop_with_retry(stop: Callable[[], object]) -> None:
     """Stop the table; if the command was not acknowledged, repeat it once.
 
-    The second command uses a new connection; repeating a stop is harmless.
+    After a missing reply, the second command uses a new connection. Repeating a stop is harmless.
+    A `TableFault` is not repeated, because the controller has refused the command.
     """
     try:
         stop()

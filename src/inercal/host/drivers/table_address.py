@@ -108,13 +108,17 @@ class TableAddress:
         return bench.names
 
     def tcp(self) -> str:
-        """Return the address of a TCP link to host and port; no parameters may remain."""
+        """Return the address of a TCP link to host and port; no parameters may remain.
+
+        Both `scheme://HOST:PORT` and `scheme:tcp://HOST:PORT` are possible.
+        """
         if self._left:
             raise InputError(
                 f"unknown parameter {next(iter(self._left))!r} in {self.text!r}; "
                 f"possible: {self._example}"
             )
-        parts = urlsplit(self.text)
+        at = self.text.partition(":")[2]
+        parts = urlsplit(at if at.lower().startswith("tcp:") else self.text)
         place = host_and_port(parts, self._port)
         if place is None or parts.path not in ("", "/") or parts.username:
             raise InputError(f"{self.text!r} has no valid host and port; possible: {self._example}")

@@ -1,4 +1,4 @@
-"""Exchanges lines of text with a controller whose replies end with a known byte.
+"""Exchanges lines of text with a controller whose replies have a known ending.
 
 If a reply is not complete in time, the link is closed and a new link is opened. Over TCP, this is
 sufficient, because bytes for the old connection cannot arrive on the new connection. A serial port
@@ -24,7 +24,8 @@ class TextDialogue(Closeable):
     address : str
         Address of the controller; see `open_link`.
     ending : bytes
-        The byte at the end of each reply.
+        The bytes at the end of each reply. For replies that end with CR LF, both LF and CR LF are
+        possible.
     timeout : float
         Longest time for a complete reply, s.
     opener : callable
