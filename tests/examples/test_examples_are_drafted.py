@@ -117,14 +117,14 @@ CASES = [
 ]
 OTHERS = [
     "bench/path.csv", "turntable/path.csv", "dividing_head/polygon.csv", "fleet/sensors.csv",
-    "predict/points.csv", "live/lines.csv",
+    "predict/points.csv", "live/lines.csv", "measure/voltages.txt", "export/results-imucam.txt",
     "qualify/counts.csv", "qualify/gravimeter.csv", "qualify/head.csv", "qualify/polygon.csv",
     "qualify/radius.csv",
 ]  # fmt: skip
 """Files that are no recordings of an IMU and no tables of its readings."""
 
 _SLOW = {"imu.csv", "arm_run.csv", "soaks.npz", "rate_platform/imu.csv"}
-_LIKE = ("fleet/recordings/A", "repeat/session_", "prior/", "logs/poses/")
+_LIKE = ("fleet/recordings/A", "repeat/session_", "prior/", "logs/poses/", "arduino/")
 """Beginnings of the names of files of which one, or all together, is an example."""
 
 
