@@ -52,7 +52,7 @@ def answer_all(imu: socket.socket, parts: int) -> list[float]:
         part = motion_link.receive(imu)
         assert part is not None
         until.append(part.end_time)
-        motion_link.send_byte_count(imu, len(until))
+        motion_link.send_byte_counts(imu, len(until))
     return until
 
 

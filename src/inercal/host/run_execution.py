@@ -7,6 +7,7 @@ calibration and the report, and records their hashes.
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -21,7 +22,7 @@ from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.live_estimator import LiveEstimator
 from inercal.host.recording_writer import write_recording
 from inercal.host.run_folder import RunFolder
-from inercal.host.run_log import file_sha256
+from inercal.host.run_log import FURTHER_IMU, file_sha256
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
 from inercal.pipeline import Outcome, calibrate
 from inercal.recordings.io.simulation_mark import SIMULATION_OF
@@ -114,10 +115,11 @@ _LARGE_DIFFERENCE = 4.0  # standard deviations of the live estimate
 
 
 class FinishedRun(NamedTuple):
-    """The result of a run, and its files by kind."""
+    """The result of a run, its files by kind, and the result of each further IMU by name."""
 
     outcome: Outcome
     files: dict[str, str]
+    further: dict[str, Outcome]
 
 
 def finish_run(
@@ -143,6 +145,11 @@ def finish_run(
         Function that returns the true coefficients for the report, SI. By default, the run file
         states them.
 
+    Returns
+    -------
+    FinishedRun
+        A further IMU that cannot be calibrated is missing in it, and the journal says why.
+
     Raises
     ------
     InercalError
@@ -156,9 +163,8 @@ def finish_run(
     layout = layout_of_address(was.imu)
     # Only a simulated bench has a clock address.
     simulation = f"{SIMULATION_OF}a bench with the clock {was.clock}" if was.clock else ""
-    recording = write_recording(
-        run, layout, folder.log, folder.path, about, was.poll, came, simulation
-    )
+    write = partial(write_recording, poll=was.poll, log_sha256=came, simulation=simulation)
+    recording = write(run, layout, folder.log, folder.path, about)
     files = {"run_file": run.path, "log": folder.log, "recording": recording}
     _record_file(journal, folder.log, came)
     _record_file(journal, run.path)
@@ -172,9 +178,24 @@ def finish_run(
     files["report"] = write_report(outcome, report, true or None, load_history())
     _record_file(journal, files["calibration_file"])
     _record_file(journal, files["report"])
+    files["journal"] = folder.journal
+    further: dict[str, Outcome] = {}
+    for kind, (name, address) in enumerate(journal.further_imus().items(), start=FURTHER_IMU):
+        try:
+            one = folder.create_further(name)
+            layout, told = layout_of_address(address), about | {"imu": address}
+            recorded = write(one.run, layout, folder.log, one.path, told, imu_kind=kind)
+            further[name] = _with_notes(calibrate(one.run), journal)
+            calibrated = save(further[name].calibration, one.output_path("calibration.json"))
+            page = write_report(further[name], one.output_path("report.html"))
+        except InercalError as error:
+            further.pop(name, None)
+            journal.record_event("warning", f"{name} is not calibrated: {error}")
+            continue
+        files |= {f"{name} recording": recorded, f"{name} calibration_file": calibrated}
+        files[f"{name} report"] = page
     journal.set_state("done")
-    named = {kind: str(path) for kind, path in files.items()}
-    return FinishedRun(outcome, named | {"journal": str(folder.journal)})
+    return FinishedRun(outcome, {kind: str(path) for kind, path in files.items()}, further)
 
 
 def _with_notes(outcome: Outcome, journal: Journal) -> Outcome:

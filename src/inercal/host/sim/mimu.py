@@ -13,6 +13,8 @@ Each line of standard input sets a fault, and is answered by `ok` or by an error
     fault unplug         removes the port until `fault replug`
     die                  ends the process at once, as if killed
 
+With `--imus 3`, the process simulates three IMUs; `2 fault unplug` sets a fault of the second one.
+
 The bytes go to a pseudo-terminal or over TCP, which never delay the IMU for long. Bytes that no
 buffer can take are lost, as when a real port overruns.
 
@@ -25,8 +27,9 @@ import socket
 import sys
 import tty
 from argparse import ArgumentParser
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext, suppress
+from dataclasses import replace
 from functools import partial
 from math import nan
 from pathlib import Path
@@ -147,6 +150,7 @@ class TcpPort:
 FAULT_SYNTAX = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
 _SPARE_NOISE = 300.0  # s of noise in addition to one and a half times the plan
 _SOAK_NOISE = 4000.0  # s of noise for the wait before each soak
+_SEED_STEP = 1_000_003  # from the seed of one IMU to that of the next
 
 
 class PacketSender:
@@ -217,14 +221,23 @@ class PacketSender:
         return bad.tobytes()
 
 
-def serve_motion(end: socket.socket, imu: SimulatedImu, sender: PacketSender) -> None:
-    """Answer each block of motion after sending the readings that are due."""
+FurtherSimulatedImus = Sequence[tuple[SimulatedImu, PacketSender]]
+
+
+def serve_motion(
+    end: socket.socket,
+    imu: SimulatedImu,
+    sender: PacketSender,
+    further: FurtherSimulatedImus = (),
+) -> None:
+    """Answer each block of motion after all IMUs have sent the readings that are due."""
     # If the table is gone, there is no more motion.
     with suppress(OSError):
         while (part := motion_link.receive(end)) is not None:
-            first = imu.next_number
-            sender.send(first, imu.read_block(part), part.temperature)
-            motion_link.send_byte_count(end, sender.sent)
+            for one, its in ((imu, sender), *further):
+                first = one.next_number
+                its.send(first, one.read_block(part), part.temperature)
+            motion_link.send_byte_counts(end, sender.sent, *(its.sent for _, its in further))
 
 
 class MotionServer(Closeable):
@@ -236,10 +249,18 @@ class MotionServer(Closeable):
         Listening socket, which is closed together with the server.
     imu : SimulatedImu
     sender : PacketSender
+    further : sequence of (SimulatedImu, PacketSender)
+        Further IMUs on the same table.
     """
 
-    def __init__(self, listener: socket.socket, imu: SimulatedImu, sender: PacketSender):
-        self._listener, self._imu, self._sender = listener, imu, sender
+    def __init__(
+        self,
+        listener: socket.socket,
+        imu: SimulatedImu,
+        sender: PacketSender,
+        further: FurtherSimulatedImus = (),
+    ):
+        self._listener, self._imus = listener, (imu, sender, further)
         self._table: socket.socket | None = None
         self._lock, self._closed = Lock(), False
         self._thread = Thread(target=self._serve, daemon=True)
@@ -256,7 +277,7 @@ class MotionServer(Closeable):
                     if self._closed:
                         return
                     self._table = end
-                serve_motion(end, self._imu, self._sender)
+                serve_motion(end, *self._imus)
                 with self._lock:
                     self._table = None
 
@@ -309,6 +330,15 @@ def noise_duration(run: Run, drawn: SimulatedErrors) -> float:
     return max(len(soaks), 1) * plan + len(soaks) * _SOAK_NOISE + _SPARE_NOISE
 
 
+def further_imu(run: Run, drawn: SimulatedErrors, number: int) -> tuple[Run, SimulatedErrors]:
+    """Return what the simulated IMU with a number, from 2 on, has instead of the first one.
+
+    Its true coefficients are those in the run file divided by its number, and it has other noise.
+    """
+    truth = {name: value / number for name, value in run.truth.items()}
+    return replace(run, truth=truth), replace(drawn, seed=drawn.seed + number * _SEED_STEP)
+
+
 def mean_drift(
     run: Run, drawn: SimulatedErrors, rate_hz: float, start: float, stop: float
 ) -> Array:
@@ -337,6 +367,7 @@ def main() -> None:
         "--preset", default="fixed", help="packet preset, or a file that describes the packets"
     )
     parser.add_argument("--rate", type=float, help="packet rate, Hz")
+    parser.add_argument("--imus", type=int, default=1, help="number of IMUs")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--terminal", action="store_true", help="use a pseudo-terminal, not TCP")
     where.add_argument("--port", type=int, default=0, help="TCP port; 0: any free one")
@@ -357,29 +388,42 @@ def main() -> None:
             rate = packet_rate(run, layout, options.rate)
             seconds = noise_duration(run, drawn)
             with on_compilation(announce) if options.announce_compilation else nullcontext():
-                imu, packer = SimulatedImu(run, drawn, rate, seconds), PacketPacker(layout, rate)
+                imus = [SimulatedImu(run, drawn, rate, seconds)]
+                for number in range(2, options.imus + 1):
+                    imus.append(SimulatedImu(*further_imu(run, drawn, number), rate, seconds))
+                packers = [PacketPacker(layout, rate) for _ in imus]
         except InputError as error:
             print(f"no: {error}", flush=True)
             sys.exit(2)
-        path = folder / "imu"
-        port = options.port
+        ports: dict[int, int] = {1: options.port}
 
-        def plug() -> SimulatorPort:
-            nonlocal port
+        def plug(number: int) -> SimulatorPort:
             if options.terminal:
-                return TerminalPort(path)
+                return TerminalPort(folder / ("imu" if number == 1 else f"imu{number}"))
             # When the port is replugged, it has the same path.
-            opened = TcpPort(port)
-            port = opened.port
+            opened = TcpPort(ports.get(number, 0))
+            ports[number] = opened.port
             return opened
 
-        sender = PacketSender(packer, plug, options.seed)
+        senders = [
+            PacketSender(packer, partial(plug, number), options.seed + number - 1)
+            for number, packer in enumerate(packers, start=1)
+        ]
+        (imu, sender), *further = zip(imus, senders, strict=True)
 
-        stack.enter_context(MotionServer(listener, imu, sender))
-        print(f"at {sender.address} motion {motion}", flush=True)
-        answer_lines(sender.set_fault, sys.stdin, sys.stdout)
-        with sender.lock:
-            sender.close()
+        def set_fault(words: str) -> None:
+            number, _, rest = words.partition(" ")
+            if number.isdecimal() and 0 < int(number) <= len(senders):
+                senders[int(number) - 1].set_fault(rest)
+            else:
+                sender.set_fault(words)
+
+        stack.enter_context(MotionServer(listener, imu, sender, further))
+        print("at", *(one.address for one in senders), f"motion {motion}", flush=True)
+        answer_lines(set_fault, sys.stdin, sys.stdout)
+        for one in senders:
+            with one.lock:
+                one.close()
 
 
 if __name__ == "__main__":
