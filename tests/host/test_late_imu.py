@@ -104,7 +104,7 @@ def test_a_server_of_motion_ends_its_thread_whether_or_not_a_table_is_there(
     tmp_path: Path, packets: tuple[SimulatedImu, PacketSender], connected: bool
 ):
     listener, address = motion_link.listen(tmp_path / "motion")
-    server = MotionServer(listener, *packets)
+    server = MotionServer(listener, [packets])
     if not connected:
         server.close()
         return

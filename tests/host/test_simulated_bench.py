@@ -69,7 +69,8 @@ class Whole:
         self.sender = PacketSender(PacketPacker(LAYOUT, 200.0), lambda: self.port, seed)
         mine, other = socket.socketpair()
         feeling = Thread(
-            target=serve_motion, args=(other, SimulatedImu(run, drawn, 200.0, 60.0), self.sender)
+            target=serve_motion,
+            args=(other, [(SimulatedImu(run, drawn, 200.0, 60.0), self.sender)]),
         )
         feeling.start()
         stack.callback(other.close)

@@ -95,7 +95,8 @@ def run(
     with console.progress_status("checking the plan"):
         warnings = check_plan(plan)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
-    addresses, further = (table, imu, clock), _further_imus(also_imu)
+    addresses = table, imu, clock
+    further = assignments(also_imu or (), "--also-imu", "NAME=ADDRESS")
     result, journal = create_run(folder, plan, addresses, chamber=chamber, further_imus=further)
     with journal, result.removed_on_failure():
         for words in warnings:
@@ -126,15 +127,11 @@ def resume(
 
     options = run_options(speed, patience, temperature)
     kept = None if register is None else console.open_register(register)
-    further = _further_imus(also_imu)
+    further = assignments(also_imu or (), "--also-imu", "NAME=ADDRESS")
     result, journal = reopen_run(folder, (table, imu, clock), chamber, further)
     with journal:
         _require_operator(result.run, answers, simulated=bool(journal.header().addresses[2]))
         _complete_run(result, journal, options, kept, operator, answers, explain=explain, json=json)
-
-
-def _further_imus(also_imu: list[str] | None) -> dict[str, str]:
-    return assignments(also_imu or (), "--also-imu", "NAME=ADDRESS")
 
 
 def _complete_run(
@@ -173,9 +170,10 @@ def _complete_run(
         for one in further.values():
             console.print_coefficients(one, {})
             console.print_verdict(one.verdict, explain=explain)
-        for name in sorted({*journal.further_imus()} - {*further}):
-            console.report_line(f"{name} is not calibrated; {folder.journal} says why")
         console.print_written_files(files.values())
+    for name in journal.further_imus():
+        if name not in further:
+            console.report_line(f"{name} is not calibrated; {folder.journal} says why")
     console.exit_with_verdict(outcome)
 
 

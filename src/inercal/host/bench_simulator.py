@@ -50,7 +50,7 @@ class BenchSimulator(Closeable):
     terminal : bool
         Whether the IMU is connected through a pseudo-terminal and not through TCP.
     imus : int
-        Number of IMUs on the table; see `inercal.host.sim.mimu.further_imu`.
+        Number of IMUs on the table; see `inercal.host.sim.simulated_errors.numbered_imu`.
     background_work : callable, optional
         Function that is called while the processes start. Starting takes some time if they compile.
     compiling : callable, optional

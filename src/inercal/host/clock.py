@@ -14,8 +14,9 @@ the host takes exactly these bytes. A real bench cannot report this.
 `mounted NAME`, which states how an operator has mounted the sensor. The bench answers each line
 with "TIME SENT SENT_BY", in s, bytes and s, followed by SENT of each further IMU. The IMU computes
 the readings of the last interval while the host polls the table. SENT therefore counts the bytes
-before this interval, or all bytes if the requested time has already passed. Before the first `until`, the clock stands at 0. If there
-is no `until` for 5 s, or no connection, the clock follows the wall clock until the next `until`.
+before this interval, or all bytes if the requested time has already passed. Before the first
+`until`, the clock stands at 0. If there is no `until` for 5 s, or no connection, the clock follows
+the wall clock until the next `until`.
 """
 
 import socket

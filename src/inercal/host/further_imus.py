@@ -118,12 +118,9 @@ class _FurtherImu:
             if self._decoder is not None and len(self._decoder.feed(data)):
                 self._decoder = None
         trouble = self._receiver.trouble
-        if trouble is None and self._decoder and tick.time > self._start + _PACKET_TIMEOUT:
-            trouble = (
-                f"the IMU has sent bytes for {_PACKET_TIMEOUT:g} s, but no valid packet: check "
-                "preset and baud"
-            )
-        if trouble is not None and not self._warned:
+        if self._decoder and tick.time > self._start + _PACKET_TIMEOUT:
+            trouble = trouble or "no valid packet has arrived so far: check preset and baud"
+        if trouble and not self._warned:
             self._warned = True
             words = f"{self._name}: {trouble}; the run continues, but this recording has a gap"
             self._recorder.record_message(tick.time, "warning", words)

@@ -4,8 +4,8 @@
 calibration and the report, and records their hashes.
 """
 
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from collections.abc import Callable, Generator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
@@ -169,6 +169,16 @@ def finish_run(
     _record_file(journal, folder.log, came)
     _record_file(journal, run.path)
     _record_file(journal, recording)
+    # Before the first calibration, which may fail.
+    others: dict[str, RunFolder] = {}
+    for kind, (name, address) in enumerate(journal.further_imus().items(), start=FURTHER_IMU):
+        with _errors_as_warnings(journal, name):
+            one = folder.create_further(name)
+            layout, told = layout_of_address(address), about | {"imu": address}
+            path = write(one.run, layout, folder.log, one.path, told, imu_kind=kind)
+            _record_file(journal, one.run.path)
+            _record_file(journal, path)
+            others[name], files[f"{name}/{path.name}"] = one, path
     outcome = _with_notes(calibrate(run), journal)
     if live is not None and live.has_estimate:
         _compare_live_estimate(journal, live, outcome, expected=run.method.final_by_recording)
@@ -180,20 +190,17 @@ def finish_run(
     _record_file(journal, files["report"])
     files["journal"] = folder.journal
     further: dict[str, Outcome] = {}
-    for kind, (name, address) in enumerate(journal.further_imus().items(), start=FURTHER_IMU):
-        try:
-            one = folder.create_further(name)
-            layout, told = layout_of_address(address), about | {"imu": address}
-            recorded = write(one.run, layout, folder.log, one.path, told, imu_kind=kind)
-            further[name] = _with_notes(calibrate(one.run), journal)
-            calibrated = save(further[name].calibration, one.output_path("calibration.json"))
-            page = write_report(further[name], one.output_path("report.html"))
-        except InercalError as error:
-            further.pop(name, None)
-            journal.record_event("warning", f"{name} is not calibrated: {error}")
-            continue
-        files |= {f"{name} recording": recorded, f"{name} calibration_file": calibrated}
-        files[f"{name} report"] = page
+    for name, one in others.items():
+        with _errors_as_warnings(journal, name):
+            found = _with_notes(calibrate(one.run), journal)
+            written = (
+                save(found.calibration, one.output_path("calibration.json")),
+                write_report(found, one.output_path("report.html")),
+            )
+            for path in written:
+                _record_file(journal, path)
+                files[f"{name}/{path.name}"] = path
+            further[name] = found
     journal.set_state("done")
     return FinishedRun(outcome, {kind: str(path) for kind, path in files.items()}, further)
 
@@ -212,9 +219,19 @@ def _with_notes(outcome: Outcome, journal: Journal) -> Outcome:
     return replace(outcome, calibration=replace(outcome.calibration, conditions=conditions))
 
 
+@contextmanager
+def _errors_as_warnings(journal: Journal, name: str) -> Generator[None]:
+    """Record an error about a further IMU as a warning, because the run itself is complete."""
+    try:
+        yield
+    except InercalError as error:
+        journal.record_event("warning", f"{name} is not calibrated: {error}")
+
+
 def _record_file(journal: Journal, path: Path, sha256: str | None = None) -> None:
     """Record the size and the hash of a file; the hash is computed unless it is given."""
-    journal.record_file(path.name, path.stat().st_size, sha256 or file_sha256(path))
+    name = path.relative_to(journal.path.parent).as_posix()
+    journal.record_file(name, path.stat().st_size, sha256 or file_sha256(path))
 
 
 def _compare_live_estimate(

@@ -330,40 +330,23 @@ def _require_further_imus(run: Run, imu: str, addresses: Mapping[str, str]) -> N
         the packets do not match the run file.
     """
     for name, address in addresses.items():
-        if name in (".", "..", run.sensor.name) or name != Path(name).name or "\\" in name:
+        usable = name == Path(name).name and name not in (".", "..", run.sensor.name)
+        if not usable or [imu, *addresses.values()].count(address) > 1:
             raise InputError(
-                f"{ALSO_IMU} {name}: the name cannot be used; give the name of the sensor, without "
-                f"slashes and other than {run.sensor.name!r}",
-                key=ALSO_IMU,
-                names=(name,),
-            )
-        if [imu, *addresses.values()].count(address) > 1:
-            raise InputError(
-                f"{ALSO_IMU} {name}={address}: another IMU has this address; give each IMU its own",
+                f"{ALSO_IMU} {name}={address}: give each IMU its own address, and its own name, "
+                f"which must not be {run.sensor.name!r} and must be possible as a folder's name",
                 key=ALSO_IMU,
                 names=(name,),
             )
         ReceivedSamples(run.sensor, layout_of_address(address), required_rate(run))
-    if addresses:
-        _renamed_run_file(run.path, next(iter(addresses)))
+        _renamed_run_file(run.path, name)
 
 
 def _renamed_run_file(path: Path, sensor: str) -> bytes:
-    """Return the content of a run file for another sensor of the same type, without [sensor.truth].
-
-    Raises
-    ------
-    InputError
-        The file cannot be read or changed, or tomlkit is missing.
-    """
+    """Return the content of a run file for another sensor of the type, without [sensor.truth]."""
     with require_extra("host", f"{ALSO_IMU} needs tomlkit", ("tomlkit",)):
         import tomlkit
-    try:
-        document = tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
-        document["sensor"].pop("truth", None)
-        document["sensor"]["name"] = sensor
-        return tomlkit.dumps(document).encode()
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(
-            f"{path}: the run file cannot be changed for {sensor}: {error}", file=path
-        ) from None
+    document = tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
+    document["sensor"].pop("truth", None)
+    document["sensor"]["name"] = sensor
+    return tomlkit.dumps(document).encode()

@@ -12,8 +12,7 @@ Each line of standard input sets a fault, and is answered by `ok` or by an error
     fault silent on      sends nothing until `fault silent off`, but still counts readings
     fault unplug         removes the port until `fault replug`
     die                  ends the process at once, as if killed
-
-With `--imus 3`, the process simulates three IMUs; `2 fault unplug` sets a fault of the second one.
+    2 fault unplug       sets a fault of the second IMU, if there are several (`--imus`)
 
 The bytes go to a pseudo-terminal or over TCP, which never delay the IMU for long. Bytes that no
 buffer can take are lost, as when a real port overruns.
@@ -29,7 +28,6 @@ import tty
 from argparse import ArgumentParser
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext, suppress
-from dataclasses import replace
 from functools import partial
 from math import nan
 from pathlib import Path
@@ -50,7 +48,7 @@ from inercal.host.sim.faults import parse_number, unknown_fault
 from inercal.host.sim.imu_model import SimulatedImu, draw_bias_drift, noise_block_size
 from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.server import answer_lines
-from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
+from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors, numbered_imu
 from inercal.runfile import Run, read
 
 COMPILING = "compiling"  # printed before the address if kernels are compiled and not loaded
@@ -150,7 +148,6 @@ class TcpPort:
 FAULT_SYNTAX = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
 _SPARE_NOISE = 300.0  # s of noise in addition to one and a half times the plan
 _SOAK_NOISE = 4000.0  # s of noise for the wait before each soak
-_SEED_STEP = 1_000_003  # from the seed of one IMU to that of the next
 
 
 class PacketSender:
@@ -221,23 +218,15 @@ class PacketSender:
         return bad.tobytes()
 
 
-FurtherSimulatedImus = Sequence[tuple[SimulatedImu, PacketSender]]
-
-
-def serve_motion(
-    end: socket.socket,
-    imu: SimulatedImu,
-    sender: PacketSender,
-    further: FurtherSimulatedImus = (),
-) -> None:
+def serve_motion(end: socket.socket, imus: Sequence[tuple[SimulatedImu, PacketSender]]) -> None:
     """Answer each block of motion after all IMUs have sent the readings that are due."""
     # If the table is gone, there is no more motion.
     with suppress(OSError):
         while (part := motion_link.receive(end)) is not None:
-            for one, its in ((imu, sender), *further):
-                first = one.next_number
-                its.send(first, one.read_block(part), part.temperature)
-            motion_link.send_byte_counts(end, sender.sent, *(its.sent for _, its in further))
+            for imu, sender in imus:
+                first = imu.next_number
+                sender.send(first, imu.read_block(part), part.temperature)
+            motion_link.send_byte_counts(end, *(sender.sent for _, sender in imus))
 
 
 class MotionServer(Closeable):
@@ -247,20 +236,11 @@ class MotionServer(Closeable):
     ----------
     listener : socket
         Listening socket, which is closed together with the server.
-    imu : SimulatedImu
-    sender : PacketSender
-    further : sequence of (SimulatedImu, PacketSender)
-        Further IMUs on the same table.
+    imus : sequence of (SimulatedImu, PacketSender)
     """
 
-    def __init__(
-        self,
-        listener: socket.socket,
-        imu: SimulatedImu,
-        sender: PacketSender,
-        further: FurtherSimulatedImus = (),
-    ):
-        self._listener, self._imus = listener, (imu, sender, further)
+    def __init__(self, listener: socket.socket, imus: Sequence[tuple[SimulatedImu, PacketSender]]):
+        self._listener, self._imus = listener, imus
         self._table: socket.socket | None = None
         self._lock, self._closed = Lock(), False
         self._thread = Thread(target=self._serve, daemon=True)
@@ -277,7 +257,7 @@ class MotionServer(Closeable):
                     if self._closed:
                         return
                     self._table = end
-                serve_motion(end, *self._imus)
+                serve_motion(end, self._imus)
                 with self._lock:
                     self._table = None
 
@@ -330,15 +310,6 @@ def noise_duration(run: Run, drawn: SimulatedErrors) -> float:
     return max(len(soaks), 1) * plan + len(soaks) * _SOAK_NOISE + _SPARE_NOISE
 
 
-def further_imu(run: Run, drawn: SimulatedErrors, number: int) -> tuple[Run, SimulatedErrors]:
-    """Return what the simulated IMU with a number, from 2 on, has instead of the first one.
-
-    Its true coefficients are those in the run file divided by its number, and it has other noise.
-    """
-    truth = {name: value / number for name, value in run.truth.items()}
-    return replace(run, truth=truth), replace(drawn, seed=drawn.seed + number * _SEED_STEP)
-
-
 def mean_drift(
     run: Run, drawn: SimulatedErrors, rate_hz: float, start: float, stop: float
 ) -> Array:
@@ -388,40 +359,40 @@ def main() -> None:
             rate = packet_rate(run, layout, options.rate)
             seconds = noise_duration(run, drawn)
             with on_compilation(announce) if options.announce_compilation else nullcontext():
-                imus = [SimulatedImu(run, drawn, rate, seconds)]
-                for number in range(2, options.imus + 1):
-                    imus.append(SimulatedImu(*further_imu(run, drawn, number), rate, seconds))
-                packers = [PacketPacker(layout, rate) for _ in imus]
+                imus = [
+                    SimulatedImu(*numbered_imu(run, drawn, number), rate, seconds)
+                    for number in range(1, options.imus + 1)
+                ]
+                packer = PacketPacker(layout, rate)
         except InputError as error:
             print(f"no: {error}", flush=True)
             sys.exit(2)
-        ports: dict[int, int] = {1: options.port}
+        ports = {"": options.port}
 
-        def plug(number: int) -> SimulatorPort:
+        def plug(number: str) -> SimulatorPort:
             if options.terminal:
-                return TerminalPort(folder / ("imu" if number == 1 else f"imu{number}"))
+                return TerminalPort(folder / f"imu{number}")
             # When the port is replugged, it has the same path.
             opened = TcpPort(ports.get(number, 0))
             ports[number] = opened.port
             return opened
 
-        senders = [
-            PacketSender(packer, partial(plug, number), options.seed + number - 1)
-            for number, packer in enumerate(packers, start=1)
-        ]
-        (imu, sender), *further = zip(imus, senders, strict=True)
+        senders = {
+            number: PacketSender(packer, partial(plug, number), options.seed + k)
+            for k, number in enumerate(["", *map(str, range(2, options.imus + 1))])
+        }
 
         def set_fault(words: str) -> None:
             number, _, rest = words.partition(" ")
-            if number.isdecimal() and 0 < int(number) <= len(senders):
-                senders[int(number) - 1].set_fault(rest)
-            else:
-                sender.set_fault(words)
+            if number not in senders:
+                number, rest = "", words
+            senders[number].set_fault(rest)
 
-        stack.enter_context(MotionServer(listener, imu, sender, further))
-        print("at", *(one.address for one in senders), f"motion {motion}", flush=True)
+        sending = list(zip(imus, senders.values(), strict=True))
+        stack.enter_context(MotionServer(listener, sending))
+        print("at", *(one.address for one in senders.values()), f"motion {motion}", flush=True)
         answer_lines(set_fault, sys.stdin, sys.stdout)
-        for one in senders:
+        for one in senders.values():
             with one.lock:
                 one.close()
 
