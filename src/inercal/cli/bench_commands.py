@@ -52,10 +52,7 @@ _Register = Annotated[
 _CHAMBER_HELP = "Address of the temperature chamber, for a plan with soaks."
 _AlsoImu = Annotated[
     list[str] | None,
-    typer.Option(
-        "--also-imu",
-        help="Name and address of a further IMU of the same type, NAME=ADDRESS; can be repeated.",
-    ),
+    typer.Option(help="A further IMU of the same type, NAME=ADDRESS; can be repeated."),
 ]
 _IMU_HELP = "serial:/dev/ttyUSB0?preset=xsens&baud=921600 or tcp://HOST:PORT?preset=…"
 
@@ -264,8 +261,7 @@ def simulate(
         bool, typer.Option("--tcp", help="Connect the IMU by TCP instead of a pseudo-terminal.")
     ] = False,
     imus: Annotated[
-        int,
-        typer.Option(min=1, help="Number of IMUs; IMU n has the true coefficients divided by n."),
+        int, typer.Option(min=1, help="Number of IMUs; IMU n has the true errors divided by n.")
     ] = 1,
 ) -> None:
     """Simulate the table and the IMU of a run file, until you press Ctrl-C.

@@ -140,14 +140,14 @@ class _BackgroundOpener:
     """Opens a port: at first at once, later in a thread, because the table must be polled."""
 
     def __init__(self, opener: Callable[[float], ImuPort]):
-        self._open = opener
-        self._pool: ThreadPoolExecutor | None = None
+        self._open, self._opened_before = opener, False
+        self._pool = ThreadPoolExecutor(1)
         self._attempt: Future[ImuPort] | None = None
 
     def __call__(self, timeout: float) -> ImuPort:
         """Return the open port; raises `LinkLost` if it is not open yet."""
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(1)
+        if not self._opened_before:
+            self._opened_before = True
             return self._open(timeout)
         if self._attempt is None:
             self._attempt = self._pool.submit(self._open, timeout)
@@ -158,8 +158,7 @@ class _BackgroundOpener:
 
     def close(self) -> None:
         """Wait for the thread, and close a port that nobody has taken."""
-        if self._pool is not None:
-            self._pool.shutdown()
+        self._pool.shutdown()
         if self._attempt is not None:
             with suppress(LinkLost):
                 self._attempt.result().close()

@@ -245,13 +245,9 @@ def reopen_run(
         further = journal.further_imus()
         for name, address in (further_imus or {}).items():
             if name not in further:
-                raise InputError(
-                    f"{path}: this run has no further IMU {name!r}; possible: "
-                    f"{', '.join(further) or 'none'}",
-                    file=Path(path),
-                    key=ALSO_IMU,
-                    names=(name,),
-                )
+                possible = ", ".join(further) or "none"
+                words = f"{path}: this run has no further IMU {name!r}; possible: {possible}"
+                raise InputError(words, file=Path(path), key=ALSO_IMU, names=(name,))
             _require_same_packets(path, further[name], address, ALSO_IMU)
         require_chamber(folder.run, layout_of_address(imu), chamber or journal.chamber())
         journal.set_addresses((table, imu, addresses[2] or was.clock))

@@ -384,9 +384,8 @@ def main() -> None:
 
         def set_fault(words: str) -> None:
             number, _, rest = words.partition(" ")
-            if number not in senders:
-                number, rest = "", words
-            senders[number].set_fault(rest)
+            known = number in senders
+            senders[number if known else ""].set_fault(rest if known else words)
 
         sending = list(zip(imus, senders.values(), strict=True))
         stack.enter_context(MotionServer(listener, sending))
