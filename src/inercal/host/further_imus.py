@@ -122,7 +122,7 @@ class _FurtherImu:
             trouble = trouble or "no valid packet has arrived so far: check preset and baud"
         if trouble and not self._warned:
             self._warned = True
-            words = f"{self._name}: {trouble}; the run continues, but this recording has a gap"
+            words = f"{self._name}: {trouble}; the run continues, but its recording has a gap"
             self._recorder.record_message(tick.time, "warning", words)
 
     def _own_tick(self, tick: Tick) -> Tick:

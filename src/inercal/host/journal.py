@@ -26,9 +26,8 @@ _MOUNTED = "mounted"  # mark of a mounting in the table of sections
 # A run in a chamber or with further IMUs has one more table, so that journals of other runs stay
 # as they are.
 _CHAMBER = "CREATE TABLE IF NOT EXISTS chamber (id INTEGER PRIMARY KEY, address TEXT NOT NULL)"
-_FURTHER_IMU = (
-    "CREATE TABLE IF NOT EXISTS further_imu "
-    "(id INTEGER PRIMARY KEY, name TEXT NOT NULL, address TEXT NOT NULL)"
+_FURTHER = (
+    "CREATE TABLE IF NOT EXISTS further_imu (id INTEGER PRIMARY KEY, name TEXT, address TEXT)"
 )
 _SCHEMA = """
 CREATE TABLE run (begun TEXT NOT NULL, run_file TEXT NOT NULL, table_address TEXT NOT NULL,
@@ -212,10 +211,9 @@ class Journal(Closeable):
 
     def set_further_imus(self, addresses: Mapping[str, str]) -> None:
         """Record the current addresses of the further IMUs by name, in their order."""
-        self._execute(_FURTHER_IMU)
-        for number, (name, address) in enumerate(addresses.items()):
-            row = "INSERT OR REPLACE INTO further_imu VALUES (?, ?, ?)"
-            self._execute(row, number, name, address)
+        self._execute(_FURTHER)
+        for number, one in enumerate(addresses.items()):
+            self._execute("INSERT OR REPLACE INTO further_imu VALUES (?, ?, ?)", number, *one)
 
     def set_state(self, state: str) -> None:
         """Record the state of the run; see `JournalHeader.state`."""

@@ -241,14 +241,14 @@ def reopen_run(
         folder = RunFolder.open_existing(path, was.run_file)
         table, imu = addresses[0] or was.table, addresses[1] or was.imu
         _require_same_kind(path, was, table, addresses[2])
-        _require_same_packets(path, was.imu, imu, "--imu")
+        _require_same_packets(Path(path), was.imu, imu, "--imu")
         further = journal.further_imus()
         for name, address in (further_imus or {}).items():
             if name not in further:
                 possible = ", ".join(further) or "none"
                 words = f"{path}: this run has no further IMU {name!r}; possible: {possible}"
                 raise InputError(words, file=Path(path), key=ALSO_IMU, names=(name,))
-            _require_same_packets(path, further[name], address, ALSO_IMU)
+            _require_same_packets(Path(path), further[name], address, ALSO_IMU)
         require_chamber(folder.run, layout_of_address(imu), chamber or journal.chamber())
         journal.set_addresses((table, imu, addresses[2] or was.clock))
         if chamber:
@@ -258,15 +258,13 @@ def reopen_run(
     return folder, journal
 
 
-def _require_same_packets(
-    path: str | os.PathLike[str], was: str, address: str, option: str
-) -> None:
+def _require_same_packets(path: Path, was: str, address: str, option: str) -> None:
     """Raise an error if the packets at an address differ from those in the log."""
     before, after = (layout_of_address(one).name for one in (was, address))
     if before != after:
         raise InputError(
             f"{path}: its log contains packets of {before}, not {after}; give the same preset",
-            file=Path(path),
+            file=path,
             key=option,
             names=(before, after),
         )
