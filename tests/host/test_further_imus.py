@@ -34,8 +34,19 @@ from inercal.runfile import Run, read
 SLOW_RATE = ('rate = "200 Hz"', 'rate = "50 Hz"')
 
 
+def written(_: object, path: Path, *__: object) -> Path:
+    path.write_text("made")
+    return path
+
+
 @pytest.fixture
-def only_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw no figures, which takes longer than everything else."""
+    monkeypatch.setattr(finishing, "write_report", written)
+
+
+@pytest.fixture
+def only_recorded(monkeypatch: pytest.MonkeyPatch, no_report: None) -> None:
     """Let nothing be calibrated from plans that are too short for it."""
 
     def calibrated(run: Run) -> SimpleNamespace:
@@ -43,13 +54,8 @@ def only_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
             raise InputError("steps are missing")
         return SimpleNamespace(calibration=None)
 
-    def written(_: object, path: Path, *__: object) -> Path:
-        path.write_text("made")
-        return path
-
     monkeypatch.setattr(finishing, "calibrate", calibrated)
     monkeypatch.setattr(finishing, "save", written)
-    monkeypatch.setattr(finishing, "write_report", written)
 
 
 def finished(folder: Path, plan: str = "plan.toml") -> FinishedRun:
@@ -74,7 +80,9 @@ def require_same_table(folder: Path, name: str, recording: str = "recording.h5")
         assert np.array_equal(values, other[column], equal_nan=values.dtype.kind == "f"), column
 
 
-@pytest.mark.parametrize("killed", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.usefixtures("no_report")
+@pytest.mark.slow
+@pytest.mark.parametrize("killed", [True, False])
 def test_each_imu_of_a_run_finds_its_own_truth_even_after_a_kill(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, killed: bool
 ):
@@ -127,6 +135,10 @@ def test_a_lost_further_imu_gives_one_warning_and_a_gap_only_in_its_own_recordin
     assert warning.startswith("imu2: ")
     finished(folder)
     require_same_table(folder, "imu3")
+    for number, place in enumerate(("", "imu2", "imu3"), start=1):
+        columns = recorded(folder / place / "recording.h5")
+        bias = np.mean(columns["gz"][columns["step"] == b"warm-up"])  # °/s, with the Earth's rate
+        assert abs(bias - 0.14 / number) < 0.01
     main, gap = recorded(folder / "recording.h5"), recorded(folder / "imu2" / "recording.h5")
     assert np.array_equal(main["bench/time"], gap["bench/time"])
     assert set(gap["step"]) - {b""} == {b"warm-up", b"rest"}
@@ -139,24 +151,28 @@ def test_a_lost_further_imu_gives_one_warning_and_a_gap_only_in_its_own_recordin
 
 
 @pytest.mark.usefixtures("only_recorded")
-def test_a_further_imu_that_is_gone_for_good_leaves_the_others_their_calibrations(
+def test_a_killed_run_goes_on_without_a_further_imu_that_is_gone_for_good(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     run, folder = plan(tmp_path / "plan", SHORT, [SLOW_RATE]), tmp_path / "run"
     bench = SeveralImus(run)
     bench.install(monkeypatch)
 
-    def stop(driven: Watched) -> None:
+    def kill(driven: Watched) -> None:
         bench.further[FURTHER["imu2"]].gone = driven.time > 3.0
-        if driven.sequencer.number == 1:
-            driven.request("stop")
+        if driven.sequencer.number == 1 and driven.sequencer.phase == "work":
+            raise Killed
 
-    assert not drive_all(folder, stop, run).done
+    with suppress(Killed):
+        drive_all(folder, kill, run)
+    bench.stop()
     again = drive_all(folder, lambda _: None)
     assert again.done, again.trouble
-    assert [words.split()[0] for words in warnings(again.events)] == ["imu2"]
+    about_imus = [words for words in warnings(again.events) if "imu" in words]
+    assert [words.split()[0] for words in about_imus] == ["imu2"]
     done = finished(folder)
     assert [*done.further] == ["imu3"]
+    require_same_table(folder, "imu3")
     with Journal(folder / "run.journal") as journal:
         assert "imu2 is not calibrated" in "\n".join(warnings(journal.events()))
         assert {"imu3/recording.h5", "imu3/plan.calibration.json"} < journal.files().keys()
