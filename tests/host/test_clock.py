@@ -103,7 +103,7 @@ def test_on_the_wall_a_tick_ends_when_its_time_has_come_and_nobody_knows_what_wa
     told.begin(0.02)
     assert wall.passed == 0.0
     tick = told.end()
-    assert tick == (pytest.approx(0.02), None, pytest.approx(0.02))
+    assert tick[:3] == (pytest.approx(0.02), None, pytest.approx(0.02))
     told.begin(0.01)  # has been
     assert told.end().time == pytest.approx(0.02)
 

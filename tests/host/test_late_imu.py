@@ -52,7 +52,7 @@ def answer_all(imu: socket.socket, parts: int) -> list[float]:
         part = motion_link.receive(imu)
         assert part is not None
         until.append(part.end_time)
-        motion_link.send_byte_count(imu, len(until))
+        motion_link.send_byte_counts(imu, len(until))
     return until
 
 
@@ -104,7 +104,7 @@ def test_a_server_of_motion_ends_its_thread_whether_or_not_a_table_is_there(
     tmp_path: Path, packets: tuple[SimulatedImu, PacketSender], connected: bool
 ):
     listener, address = motion_link.listen(tmp_path / "motion")
-    server = MotionServer(listener, *packets)
+    server = MotionServer(listener, [packets])
     if not connected:
         server.close()
         return

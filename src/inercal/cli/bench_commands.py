@@ -12,7 +12,7 @@ import typer
 from inercal.basics.errors import InputError, require_extra
 from inercal.cli import console
 from inercal.cli.device_commands import TABLE_HELP, check_driver, devices
-from inercal.cli.options import Explain, Json, positive_number, run_options
+from inercal.cli.options import Explain, Json, assignments, positive_number, run_options
 
 if TYPE_CHECKING:
     from inercal.host.journal import Journal
@@ -50,6 +50,10 @@ _Register = Annotated[
     str | None, typer.Option(help="Enter the run in this register: an address, or default.")
 ]
 _CHAMBER_HELP = "Address of the temperature chamber, for a plan with soaks."
+_AlsoImu = Annotated[
+    list[str] | None,
+    typer.Option(help="A further IMU of the same type, NAME=ADDRESS; can be repeated."),
+]
 _IMU_HELP = "serial:/dev/ttyUSB0?preset=xsens&baud=921600 or tcp://HOST:PORT?preset=…"
 
 
@@ -64,6 +68,7 @@ def run(
             "--out", "-o", help="New folder for the run; by default it is named after the time."
         ),
     ] = None,
+    also_imu: _AlsoImu = None,
     chamber: Annotated[str, typer.Option(help=_CHAMBER_HELP)] = "",
     clock: _Clock = "",
     speed: _Speed = None,
@@ -87,7 +92,9 @@ def run(
     with console.progress_status("checking the plan"):
         warnings = check_plan(plan)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
-    result, journal = create_run(folder, plan, (table, imu, clock), chamber=chamber)
+    addresses = table, imu, clock
+    further = assignments(also_imu or (), "--also-imu", "NAME=ADDRESS")
+    result, journal = create_run(folder, plan, addresses, chamber=chamber, further_imus=further)
     with journal, result.removed_on_failure():
         for words in warnings:
             journal.record_event("warning", words)
@@ -100,6 +107,7 @@ def resume(
     folder: Annotated[Path, typer.Argument(help="The folder of a run that was interrupted.")],
     table: Annotated[str, typer.Option(help=f"Needed if the address changed: {TABLE_HELP}")] = "",
     imu: Annotated[str, typer.Option(help=f"Needed if the address changed: {_IMU_HELP}")] = "",
+    also_imu: _AlsoImu = None,
     chamber: Annotated[str, typer.Option(help="Needed if the address changed.")] = "",
     clock: _Clock = "",
     speed: _Speed = None,
@@ -116,7 +124,8 @@ def resume(
 
     options = run_options(speed, patience, temperature)
     kept = None if register is None else console.open_register(register)
-    result, journal = reopen_run(folder, (table, imu, clock), chamber)
+    further = assignments(also_imu or (), "--also-imu", "NAME=ADDRESS")
+    result, journal = reopen_run(folder, (table, imu, clock), chamber, further)
     with journal:
         _require_operator(result.run, answers, simulated=bool(journal.header().addresses[2]))
         _complete_run(result, journal, options, kept, operator, answers, explain=explain, json=json)
@@ -145,7 +154,7 @@ def _complete_run(
     sensor = folder.run.sensor.name
     try:
         with console.progress_status(f"calibrating {sensor} from {folder.run.data.file}"):
-            outcome, files = finish_run(
+            outcome, files, further = finish_run(
                 folder, journal, live, lambda: register_sync.history(sensor)
             )
     finally:
@@ -155,7 +164,13 @@ def _complete_run(
     else:
         console.print_coefficients(outcome, folder.run.truth)
         console.print_verdict(outcome.verdict, explain=explain)
+        for one in further.values():
+            console.print_coefficients(one, {})
+            console.print_verdict(one.verdict, explain=explain)
         console.print_written_files(files.values())
+    for name in journal.further_imus():
+        if name not in further:
+            console.report_line(f"{name} is not calibrated; {folder.journal} says why")
     console.exit_with_verdict(outcome)
 
 
@@ -245,6 +260,9 @@ def simulate(
     tcp: Annotated[
         bool, typer.Option("--tcp", help="Connect the IMU by TCP instead of a pseudo-terminal.")
     ] = False,
+    imus: Annotated[
+        int, typer.Option(min=1, help="Number of IMUs; IMU n has the true errors divided by n.")
+    ] = 1,
 ) -> None:
     """Simulate the table and the IMU of a run file, until you press Ctrl-C.
 
@@ -257,11 +275,12 @@ def simulate(
     if rate is not None:
         positive_number("--rate", str(rate))
     paced = pace if pace == "granted" else positive_number("--pace", pace, ", or granted")
-    with BenchSimulator(run_file, seed, preset, rate, paced, terminal=not tcp) as bench:
+    with BenchSimulator(run_file, seed, preset, rate, paced, not tcp, imus) as bench:
         print(f"chamber at {bench.chamber}", file=sys.stderr)
         clock = f" --clock {bench.clock}" if bench.clock else ""
         chamber = f" --chamber '{bench.chamber}'" if has_soaks(read(run_file)) else ""
-        addresses = f"--table '{bench.table}' --imu '{bench.imu}'{chamber}{clock}"
+        also = "".join(f" --also-imu '{n}={at}'" for n, at in bench.further_imus.items())
+        addresses = f"--table '{bench.table}' --imu '{bench.imu}'{also}{chamber}{clock}"
         print(f"inercal bench run {run_file} {addresses}")
         sys.stdout.flush()
         for line in sys.stdin:

@@ -31,13 +31,14 @@ from inercal.host.assembly.reading_plausibility import ReadingPlausibility
 from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR, RatePlausibility
 from inercal.host.clock import Clock, HostUptime, MonotonicClock, SimulatedClock, read_host_uptime
 from inercal.host.drivers.rotary_table import TableFault, TableState
+from inercal.host.further_imus import FurtherImus
 from inercal.host.guard import Guard
 from inercal.host.imu_port import ImuReceiver
 from inercal.host.interlocks import MAX_CHECK_INTERVAL, Interlocks, LastChecks, ReadbackWarnings
 from inercal.host.interruptions import Interruptions
 from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
-from inercal.host.plan_check import require_feasible_plan
+from inercal.host.plan_check import require_feasible_plan, require_thermometer
 from inercal.host.recorder import PIECE_MAX, RunRecorder
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import IMU, TABLE
@@ -121,12 +122,7 @@ class BenchRun:
         self._commands: list[Command] = []
         self._show_time, self._before_start, self._clocks_lost = -inf, True, False
         layout = layout_of_address(addresses.imu)
-        if options.temperature is not None and "temperature" not in layout.roles:
-            raise InputError(
-                f"the packets of {layout.name} contain no temperature; leave --temperature out",
-                key="--temperature",
-                names=(layout.name,),
-            )
+        require_thermometer(options, layout)
         with ExitStack() as opened:
             self.recorder = opened.enter_context(RunRecorder(folder, journal, layout))
             # Earlier readings were checked when they were received. A fault may have been repaired
@@ -167,6 +163,9 @@ class BenchRun:
             )
             opened.callback(self._imu.close)
             record, simulated = self.recorder.record_chamber, self._is_simulated
+            further, recorder = journal.further_imus(), self.recorder
+            self._further_imus = FurtherImus(further, clock, tick, recorder, simulated=simulated)
+            opened.callback(self._further_imus.close)
             self.soaks = open_soaks(journal.chamber(), run, layout, self._say, record, simulated)
             if self.soaks is not None:
                 opened.callback(self.soaks.close)
@@ -279,6 +278,7 @@ class BenchRun:
             self._mounting.update(self.time if self.state is None else self.state.time)
         self._send_commands()
         fresh = self._read()
+        self._further_imus.take(tick)  # first: a section is complete when the main IMU's are in
         heard = self._imu.take(tick)
         self._clock.begin(self._next)
         if fresh is not None:

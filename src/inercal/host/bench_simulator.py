@@ -49,6 +49,8 @@ class BenchSimulator(Closeable):
         clock, how far time advances.
     terminal : bool
         Whether the IMU is connected through a pseudo-terminal and not through TCP.
+    imus : int
+        Number of IMUs on the table; see `inercal.host.sim.simulated_errors.numbered_imu`.
     background_work : callable, optional
         Function that is called while the processes start. Starting takes some time if they compile.
     compiling : callable, optional
@@ -58,6 +60,8 @@ class BenchSimulator(Closeable):
     ----------
     table, imu : str
         Addresses that a host can open.
+    further_imus : dict of str to str
+        Addresses of the further IMUs by name, "imu2" and so on.
     chamber : str
         Address of a temperature chamber, which runs on the time of the bench.
     clock : str or None
@@ -79,6 +83,7 @@ class BenchSimulator(Closeable):
         rate_hz: float | None = None,
         pace: float | Literal["granted"] = "granted",
         terminal: bool = True,
+        imus: int = 1,
         background_work: Callable[[], None] | None = None,
         compiling: Callable[[], None] = lambda: None,
     ):
@@ -94,12 +99,13 @@ class BenchSimulator(Closeable):
             place = ["--terminal"] if terminal else ["--port", "0"]
             folder = Path(self._folder.name)
             sends = ["--preset", preset, *rate, *place, "--folder", str(folder)]
+            sends += ["--imus", str(imus)]
             moves = ["--pace", str(pace), "--motion", f"unix:{folder / motion_link.SOCKET_NAME}"]
             self._start("imu", "mimu", *common, *sends, "--announce-compilation")
             self._start("table", "bench_simulator", *common, *moves)
             if background_work:
                 background_work()
-            imu, *_ = self._address("imu")
+            imu, *further = self._address("imu")[:imus]
             table, self.chamber, *clock = self._address("table")
         except BaseException:
             # If one process has failed, the other may wait for it and would not read the command to
@@ -115,6 +121,10 @@ class BenchSimulator(Closeable):
             else f"motor:{table}"
         )
         self.imu = f"{imu}?preset={preset}"
+        self.further_imus = {
+            f"imu{number}": f"{address}?preset={preset}"
+            for number, address in enumerate(further, start=2)
+        }
         self.clock = clock[0] if clock else None
         self.addresses = DeviceAddresses(self.table, self.imu, self.clock or "")
 

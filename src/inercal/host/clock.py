@@ -12,10 +12,11 @@ the host takes exactly these bytes. A real bench cannot report this.
 
 **Protocol** of a simulated bench's clock, as lines over TCP: the host sends `until 12.5`, `now` or
 `mounted NAME`, which states how an operator has mounted the sensor. The bench answers each line
-with "TIME SENT SENT_BY", in s, bytes and s. The IMU computes the readings of the last interval
-while the host polls the table. SENT therefore counts the bytes before this interval, or all bytes
-if the requested time has already passed. Before the first `until`, the clock stands at 0. If there
-is no `until` for 5 s, or no connection, the clock follows the wall clock until the next `until`.
+with "TIME SENT SENT_BY", in s, bytes and s, followed by SENT of each further IMU. The IMU computes
+the readings of the last interval while the host polls the table. SENT therefore counts the bytes
+before this interval, or all bytes if the requested time has already passed. Before the first
+`until`, the clock stands at 0. If there is no `until` for 5 s, or no connection, the clock follows
+the wall clock until the next `until`.
 """
 
 import socket
@@ -34,11 +35,12 @@ _MAX_CATCH_UP = 0.1  # s of wall time; a paced bench makes up for at most this d
 
 
 class Tick(NamedTuple):
-    """The run time in s, and a count of the bytes that the IMU has sent, with its time."""
+    """The run time in s, and counts of the bytes that the IMUs have sent, with their time."""
 
     time: float
     bytes_sent: int | None  # total number of bytes; None if unknown
     sent_time: float
+    further_bytes: tuple[int, ...] = ()  # the same for each further IMU of a simulated bench
 
 
 class HostUptime(NamedTuple):
@@ -212,8 +214,8 @@ class SimulatedClock:
         line, _, self._received = self._received.partition(b"\n")
         self._answer_time = monotonic()
         try:
-            now, sent, sent_time = line.split()
-            return Tick(float(now), int(sent), float(sent_time))
+            now, sent, sent_time, *further = line.split()
+            return Tick(float(now), int(sent), float(sent_time), tuple(map(int, further)))
         except ValueError as error:
             raise LinkLost(
                 f"{self._address}: expected the time of a simulated bench, got {line[:40]!r}; "

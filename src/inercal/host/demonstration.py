@@ -112,7 +112,7 @@ def demo(
                 def truth(outcome: Outcome) -> Mapping[str, float]:
                     return _truth_with_mean_biases(run, seed, outcome, run_process.time)
 
-                outcome, written = finish_run(
+                outcome, written, _ = finish_run(
                     result, journal, run_process.recorder.live_estimator, truth=truth
                 )
     calibration, drifting = outcome.calibration, truth(outcome)

@@ -8,7 +8,7 @@ interrupted step is repeated from the beginning.
 import os
 import shutil
 import sqlite3
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import closing, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,8 +23,12 @@ from inercal.host.run_log import os_errors_as_input_errors
 NOTE_LEVEL = "note"  # level of an event written by the operator
 _VERSION = 1
 _MOUNTED = "mounted"  # mark of a mounting in the table of sections
-# A run in a chamber has one more table, so that journals of other runs stay as they are.
+# A run in a chamber or with further IMUs has one more table, so that journals of other runs stay
+# as they are.
 _CHAMBER = "CREATE TABLE IF NOT EXISTS chamber (id INTEGER PRIMARY KEY, address TEXT NOT NULL)"
+_FURTHER = (
+    "CREATE TABLE IF NOT EXISTS further_imu (id INTEGER PRIMARY KEY, name TEXT, address TEXT)"
+)
 _SCHEMA = """
 CREATE TABLE run (begun TEXT NOT NULL, run_file TEXT NOT NULL, table_address TEXT NOT NULL,
                   imu_address TEXT NOT NULL, clock_address TEXT NOT NULL, poll REAL NOT NULL,
@@ -198,6 +202,18 @@ class Journal(Closeable):
         """Record the current address of the chamber."""
         self._execute(_CHAMBER)
         self._execute("INSERT OR REPLACE INTO chamber VALUES (1, ?)", address)
+
+    def further_imus(self) -> dict[str, str]:
+        """Return the addresses of the further IMUs by name, in their order."""
+        if not self._rows("SELECT name FROM sqlite_master WHERE name = 'further_imu'"):
+            return {}
+        return dict(self._rows("SELECT name, address FROM further_imu ORDER BY id"))
+
+    def set_further_imus(self, addresses: Mapping[str, str]) -> None:
+        """Record the current addresses of the further IMUs by name, in their order."""
+        self._execute(_FURTHER)
+        for number, one in enumerate(addresses.items()):
+            self._execute("INSERT OR REPLACE INTO further_imu VALUES (?, ?, ?)", number, *one)
 
     def set_state(self, state: str) -> None:
         """Record the state of the run; see `JournalHeader.state`."""

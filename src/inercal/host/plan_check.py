@@ -8,6 +8,8 @@ from inercal.benches.motion_control import ControlledBench, SpinTask, Task
 from inercal.benches.turntable import is_turntable
 from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS, settling_time
 from inercal.host.drivers.rotary_table import AxisLimits
+from inercal.host.packets import PacketLayout
+from inercal.host.tasks import RunOptions
 from inercal.physics.plan import Position
 from inercal.pipeline.design.turntable_path import turntable_path_sheet
 from inercal.runfile import Run
@@ -89,3 +91,13 @@ def require_feasible_plan(
         for name, most, of, *angles in zip(names, limits, held, task.start, task.end, strict=True):
             for angle in angles:
                 most.check(name, task.rate or of.rate, of.acceleration, angle)
+
+
+def require_thermometer(options: RunOptions, layout: PacketLayout) -> None:
+    """Raise an `InputError` if the temperature of an IMU is limited, but not in its packets."""
+    if options.temperature is not None and "temperature" not in layout.roles:
+        raise InputError(
+            f"the packets of {layout.name} contain no temperature; leave --temperature out",
+            key="--temperature",
+            names=(layout.name,),
+        )

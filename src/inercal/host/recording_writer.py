@@ -23,7 +23,7 @@ from inercal.benches.turntable.reading import host_readback
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.packets import PacketLayout
-from inercal.host.run_log import CHAMBER, EVENT, TABLE, file_sha256, read_frames
+from inercal.host.run_log import CHAMBER, EVENT, IMU, TABLE, file_sha256, read_frames
 from inercal.host.table_state_codec import unpack_states
 from inercal.host.tasks import has_soaks
 from inercal.physics.section_settings import key_error
@@ -113,6 +113,7 @@ def write_recording(
     poll: float = POLL_INTERVAL,
     log_sha256: str | None = None,
     simulation: str = "",
+    imu_kind: int = IMU,
 ) -> Path:
     """Write the recording of a run, completely or not at all, and return its path.
 
@@ -133,6 +134,8 @@ def write_recording(
     simulation : str
         The mark of a simulated bench (`inercal.recordings.io.simulation_mark`); empty for a real
         bench.
+    imu_kind : int
+        Kind of the frames of the recorded IMU in the log.
 
     Raises
     ------
@@ -143,7 +146,7 @@ def write_recording(
     require_recordable(run, layout)
     with require_extra("io", _NEEDS_H5PY, ("h5py",)):
         h5py: Any = import_module("h5py")
-    assembly = SampleAssembler(run, layout, poll)
+    assembly = SampleAssembler(run, layout, poll, imu_kind)
     blocks: list[SampleBlock] = []
     said: list[bytes] = []
     heard: list[float] = []

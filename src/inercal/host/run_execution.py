@@ -4,9 +4,10 @@
 calibration and the report, and records their hashes.
 """
 
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from collections.abc import Callable, Generator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -21,7 +22,7 @@ from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.live_estimator import LiveEstimator
 from inercal.host.recording_writer import write_recording
 from inercal.host.run_folder import RunFolder
-from inercal.host.run_log import file_sha256
+from inercal.host.run_log import FURTHER_IMU, file_sha256
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
 from inercal.pipeline import Outcome, calibrate
 from inercal.recordings.io.simulation_mark import SIMULATION_OF
@@ -114,10 +115,11 @@ _LARGE_DIFFERENCE = 4.0  # standard deviations of the live estimate
 
 
 class FinishedRun(NamedTuple):
-    """The result of a run, and its files by kind."""
+    """The result of a run, its files by kind, and the result of each further IMU by name."""
 
     outcome: Outcome
     files: dict[str, str]
+    further: dict[str, Outcome]
 
 
 def finish_run(
@@ -143,6 +145,11 @@ def finish_run(
         Function that returns the true coefficients for the report, SI. By default, the run file
         states them.
 
+    Returns
+    -------
+    FinishedRun
+        A further IMU that cannot be calibrated is missing in it, and the journal says why.
+
     Raises
     ------
     InercalError
@@ -156,13 +163,22 @@ def finish_run(
     layout = layout_of_address(was.imu)
     # Only a simulated bench has a clock address.
     simulation = f"{SIMULATION_OF}a bench with the clock {was.clock}" if was.clock else ""
-    recording = write_recording(
-        run, layout, folder.log, folder.path, about, was.poll, came, simulation
-    )
+    write = partial(write_recording, poll=was.poll, log_sha256=came, simulation=simulation)
+    recording = write(run, layout, folder.log, folder.path, about)
     files = {"run_file": run.path, "log": folder.log, "recording": recording}
     _record_file(journal, folder.log, came)
     _record_file(journal, run.path)
     _record_file(journal, recording)
+    # Before the first calibration, which may fail.
+    others: dict[str, RunFolder] = {}
+    for kind, (name, address) in enumerate(journal.further_imus().items(), start=FURTHER_IMU):
+        with _errors_as_warnings(journal, name):
+            one = folder.create_further(name)
+            layout, told = layout_of_address(address), about | {"imu": address}
+            path = write(one.run, layout, folder.log, one.path, told, imu_kind=kind)
+            _record_file(journal, one.run.path)
+            _record_file(journal, path)
+            others[name], files[f"{name}/{path.name}"] = one, path
     outcome = _with_notes(calibrate(run), journal)
     if live is not None and live.has_estimate:
         _compare_live_estimate(journal, live, outcome, expected=run.method.final_by_recording)
@@ -172,9 +188,21 @@ def finish_run(
     files["report"] = write_report(outcome, report, true or None, load_history())
     _record_file(journal, files["calibration_file"])
     _record_file(journal, files["report"])
+    files["journal"] = folder.journal
+    further: dict[str, Outcome] = {}
+    for name, one in others.items():
+        with _errors_as_warnings(journal, name):
+            found = _with_notes(calibrate(one.run), journal)
+            written = (
+                save(found.calibration, one.output_path("calibration.json")),
+                write_report(found, one.output_path("report.html")),
+            )
+            for path in written:
+                _record_file(journal, path)
+                files[f"{name}/{path.name}"] = path
+            further[name] = found
     journal.set_state("done")
-    named = {kind: str(path) for kind, path in files.items()}
-    return FinishedRun(outcome, named | {"journal": str(folder.journal)})
+    return FinishedRun(outcome, {kind: str(path) for kind, path in files.items()}, further)
 
 
 def _with_notes(outcome: Outcome, journal: Journal) -> Outcome:
@@ -191,9 +219,19 @@ def _with_notes(outcome: Outcome, journal: Journal) -> Outcome:
     return replace(outcome, calibration=replace(outcome.calibration, conditions=conditions))
 
 
+@contextmanager
+def _errors_as_warnings(journal: Journal, name: str) -> Generator[None]:
+    """Record an error about a further IMU as a warning, because the run itself is complete."""
+    try:
+        yield
+    except InercalError as error:
+        journal.record_event("warning", f"{name} is not calibrated: {error}")
+
+
 def _record_file(journal: Journal, path: Path, sha256: str | None = None) -> None:
     """Record the size and the hash of a file; the hash is computed unless it is given."""
-    journal.record_file(path.name, path.stat().st_size, sha256 or file_sha256(path))
+    name = path.relative_to(journal.path.parent).as_posix()
+    journal.record_file(name, path.stat().st_size, sha256 or file_sha256(path))
 
 
 def _compare_live_estimate(

@@ -7,28 +7,31 @@ Files::
     run.journal           header, steps, events and files of the run (SQLite)
     recording.h5          written at the end under the name in [data]
     plan.calibration.json, plan.report.html
+    NAME/                 run file, recording, calibration and report of the further IMU NAME
 """
 
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from inercal.basics.atomic_files import atomic_write, require_plain_name
 from inercal.basics.closeable import on_failure
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, require_extra
 from inercal.basics.small_files import read_toml
 from inercal.host.addresses import layout_of_address
+from inercal.host.assembly.imu_samples import ReceivedSamples
 from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.journal import Journal, JournalHeader
 from inercal.host.recording_writer import require_recordable
 from inercal.host.run_log import os_errors_as_input_errors
 from inercal.host.soaks import require_chamber
-from inercal.host.tasks import host_plan
+from inercal.host.tasks import host_plan, required_rate
 from inercal.runfile import Run, read
 
 LOG, JOURNAL = "run.log", "run.journal"
+ALSO_IMU = "--also-imu"
 _OUTPUT_KINDS = ("calibration.json", "report.html")
 
 
@@ -92,6 +95,24 @@ class RunFolder:
         """Return the path of a result of the run: "calibration.json" or "report.html"."""
         return self.path / f"{self.run.path.stem}.{kind}"
 
+    def create_further(self, sensor: str) -> "RunFolder":
+        """Create the folder of a further IMU, with a run file for its sensor, and return it.
+
+        Raises
+        ------
+        InputError
+            A file cannot be read or written.
+        """
+        path = self.path / sensor
+        with os_errors_as_input_errors(path, "made"):
+            path.mkdir(exist_ok=True)
+            for name in _referenced_files(self.run.path):
+                with atomic_write(path / name) as temporary:
+                    temporary.write_bytes((self.path / name).read_bytes())
+            with atomic_write(path / self.run.path.name) as temporary:
+                temporary.write_bytes(_renamed_run_file(self.run.path, sensor))
+        return RunFolder.open_existing(path, self.run.path.name)
+
 
 def create_run(
     path: str | os.PathLike[str],
@@ -100,6 +121,7 @@ def create_run(
     poll: float = POLL_INTERVAL,
     content: bytes | None = None,
     chamber: str = "",
+    further_imus: Mapping[str, str] | None = None,
 ) -> tuple[RunFolder, Journal]:
     """Create the folder of a run and its journal, before anything moves.
 
@@ -117,6 +139,8 @@ def create_run(
         Content of the copied run file, if it differs from the original.
     chamber : str
         Address of the temperature chamber; empty if there is none.
+    further_imus : mapping of str to str, optional
+        Addresses of further IMUs by the names of their sensors.
 
     Raises
     ------
@@ -128,11 +152,13 @@ def create_run(
     layout = layout_of_address(addresses[1])
     require_chamber(run, layout, chamber)
     require_recordable(run, layout)
+    further = further_imus or {}
+    _require_further_imus(run, addresses[1], further)
     path, name = Path(path), run.path.name
     prepare_folder(path)
     copied = name, *_referenced_files(run.path)
     result = (f"{run.path.stem}.{kind}" for kind in _OUTPUT_KINDS)
-    for one in (*copied, LOG, run.data.file, *result):
+    for one in (*copied, LOG, run.data.file, *result, *further):
         if (path / one).exists():
             raise InputError(
                 f"{path} already contains {one}; name another folder", file=path, names=(one,)
@@ -147,6 +173,8 @@ def create_run(
         journal = Journal.create(folder.journal, name, addresses, poll, len(host_plan(run).tasks))
         if chamber:
             journal.set_chamber(chamber)
+        if further:
+            journal.set_further_imus(further)
         config = folder.run.filter
         if config is not None and (changes := config.describe_changes(folder.run.estimator)):
             journal.record_event("info", f"filter keys changed: {changes}")
@@ -178,7 +206,10 @@ def prepare_folder(path: str | os.PathLike[str]) -> None:
 
 
 def reopen_run(
-    path: str | os.PathLike[str], addresses: tuple[str, str, str] = ("", "", ""), chamber: str = ""
+    path: str | os.PathLike[str],
+    addresses: tuple[str, str, str] = ("", "", ""),
+    chamber: str = "",
+    further_imus: Mapping[str, str] | None = None,
 ) -> tuple[RunFolder, Journal]:
     """Return the folder and the journal of an interrupted run.
 
@@ -189,13 +220,15 @@ def reopen_run(
         Addresses of table, IMU and clock, if they have changed.
     chamber : str
         Address of the chamber, if it has changed.
+    further_imus : mapping of str to str, optional
+        Addresses of further IMUs by name, if they have changed.
 
     Raises
     ------
     InputError
-        There is no run in the folder, the run is complete, or the IMU's packets have changed. The
-        error is also raised if a run on a simulated bench is resumed without its clock, or a run on
-        a real bench is resumed with a clock.
+        There is no run in the folder, the run is complete, an IMU's packets have changed, or a
+        further IMU is new. The error is also raised if a run on a simulated bench is resumed
+        without its clock, or a run on a real bench is resumed with a clock.
     """
     journal = Journal(Path(path) / JOURNAL)
     with on_failure(journal.close):
@@ -208,19 +241,33 @@ def reopen_run(
         folder = RunFolder.open_existing(path, was.run_file)
         table, imu = addresses[0] or was.table, addresses[1] or was.imu
         _require_same_kind(path, was, table, addresses[2])
-        before, after = (layout_of_address(one).name for one in (was.imu, imu))
-        if before != after:
-            raise InputError(
-                f"{path}: its log contains packets of {before}, not {after}; give the same preset",
-                file=Path(path),
-                key="--imu",
-                names=(before, after),
-            )
+        _require_same_packets(Path(path), was.imu, imu, "--imu")
+        further = journal.further_imus()
+        for name, address in (further_imus or {}).items():
+            if name not in further:
+                possible = ", ".join(further) or "none"
+                words = f"{path}: this run has no further IMU {name!r}; possible: {possible}"
+                raise InputError(words, file=Path(path), key=ALSO_IMU, names=(name,))
+            _require_same_packets(Path(path), further[name], address, ALSO_IMU)
         require_chamber(folder.run, layout_of_address(imu), chamber or journal.chamber())
         journal.set_addresses((table, imu, addresses[2] or was.clock))
         if chamber:
             journal.set_chamber(chamber)
+        if further_imus:
+            journal.set_further_imus(further | dict(further_imus))
     return folder, journal
+
+
+def _require_same_packets(path: Path, was: str, address: str, option: str) -> None:
+    """Raise an error if the packets at an address differ from those in the log."""
+    before, after = (layout_of_address(one).name for one in (was, address))
+    if before != after:
+        raise InputError(
+            f"{path}: its log contains packets of {before}, not {after}; give the same preset",
+            file=path,
+            key=option,
+            names=(before, after),
+        )
 
 
 def _require_same_kind(
@@ -257,3 +304,43 @@ def _referenced_files(run_file: Path) -> list[str]:
                 names=(name,),
             ).located(run_file)
     return files
+
+
+def _require_further_imus(run: Run, imu: str, addresses: Mapping[str, str]) -> None:
+    """Raise an error if the further IMUs of a new run cannot be recorded or calibrated.
+
+    Parameters
+    ----------
+    run : Run
+    imu : str
+        Address of the main IMU.
+    addresses : mapping of str to str
+        Addresses of the further IMUs by name.
+
+    Raises
+    ------
+    InputError
+        A name cannot be the name of a folder or is the main sensor's, an address is used twice, or
+        the packets do not match the run file.
+    """
+    for name, address in addresses.items():
+        usable = name == Path(name).name and name not in (".", "..", run.sensor.name)
+        if not usable or [imu, *addresses.values()].count(address) > 1:
+            raise InputError(
+                f"{ALSO_IMU} {name}={address}: give each IMU its own address, and its own name, "
+                f"which must not be {run.sensor.name!r} and must be possible as a folder's name",
+                key=ALSO_IMU,
+                names=(name,),
+            )
+        ReceivedSamples(run.sensor, layout_of_address(address), required_rate(run))
+        _renamed_run_file(run.path, name)
+
+
+def _renamed_run_file(path: Path, sensor: str) -> bytes:
+    """Return the content of a run file for another sensor of the type, without [sensor.truth]."""
+    with require_extra("host", f"{ALSO_IMU} needs tomlkit", ("tomlkit",)):
+        import tomlkit
+    document = tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
+    document["sensor"].pop("truth", None)
+    document["sensor"]["name"] = sensor
+    return tomlkit.dumps(document).encode()

@@ -31,6 +31,7 @@ if sys.platform != "win32":
     from fcntl import LOCK_EX, LOCK_NB, LOCK_SH, flock
 
 IMU, TABLE, EVENT = 1, 2, 3
+FURTHER_IMU = 4  # kind of the first further IMU; the next further IMU has the next number
 CHAMBER = "chamber"  # kind of the events with the temperatures of a chamber
 _HEAD = Struct("<2sBId")
 _CHECK = Struct("<I")
@@ -44,7 +45,7 @@ class LogFrame(NamedTuple):
     Parameters
     ----------
     kind : int
-        `IMU`, `TABLE` or `EVENT`.
+        `IMU`, `TABLE`, `EVENT`, or from `FURTHER_IMU` on, one of the further IMUs.
     time : float
         Run time at which the host received the data, s.
     payload : bytes

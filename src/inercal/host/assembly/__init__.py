@@ -145,6 +145,8 @@ class SampleAssembler:
         Layout of the IMU's packets.
     poll : float
         Time between two polls of the table, s.
+    imu_kind : int
+        Kind of the frames with the IMU's bytes; frames from other IMUs are ignored.
 
     Attributes
     ----------
@@ -161,7 +163,9 @@ class SampleAssembler:
         time, their rate is different, or an axis of the sensor is missing in them.
     """
 
-    def __init__(self, run: Run, layout: PacketLayout, poll: float = POLL_INTERVAL):
+    def __init__(
+        self, run: Run, layout: PacketLayout, poll: float = POLL_INTERVAL, imu_kind: int = IMU
+    ):
         plan = host_plan(run)
         control, bench = plan.kind, plan.bench
         self.sensor = run.sensor
@@ -177,6 +181,7 @@ class SampleAssembler:
         names = [name for name in control.readback(bench) if name in sizes]
         self._units = np.array([sizes[name] for name in names])
         self._records_angles = bool(names)
+        self._imu_kind = imu_kind
         self._pending: list[LogFrame] = []
         self._attempt: int = 0
         self._interruptions = InterruptionList()
@@ -240,8 +245,11 @@ class SampleAssembler:
         return whole.ticks / self.imu.per_second + offset, whole.output
 
     def feed(self, frame: LogFrame) -> None:
-        """Add a frame to the queue."""
-        self._pending.append(frame)
+        """Add a frame to the queue, unless it is from another IMU."""
+        if frame.kind == self._imu_kind:
+            self._pending.append(frame if frame.kind == IMU else frame._replace(kind=IMU))
+        elif frame.kind in (TABLE, EVENT):
+            self._pending.append(frame)
 
     def take(self) -> SampleBlock | None:
         """Return the samples that are complete with the frames so far; None if there are none.

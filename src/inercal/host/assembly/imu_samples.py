@@ -187,10 +187,13 @@ class ReceivedSamples:
         self._dating.begin_session()
 
     def feed(self, frames: Sequence[LogFrame]) -> None:
-        """Process the frames that arrived in one session."""
+        """Process the frames that arrived in one session; an empty frame begins another session."""
         together: list[LogFrame] = []
         for frame in frames:
             if not frame.payload:
+                self._feed_together(together)
+                together.clear()
+                self.begin_session()
                 continue
             if self.offset is None or self._dating.needs_arrival(frame.time):
                 self._feed_together(together)

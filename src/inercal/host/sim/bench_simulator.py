@@ -58,6 +58,8 @@ class BenchDevice:
     ----------
     mounting : str
         Present mounting of the sensor; empty if the sensor was never mounted.
+    bytes_sent, further_bytes : int, list of int
+        Number of bytes that the IMU, and each further IMU, has sent.
     """
 
     def __init__(
@@ -77,7 +79,7 @@ class BenchDevice:
         }
         self.mounting = ""
         self.chamber, self._in_chamber = SimulatedScpiChamber(), in_chamber
-        self.bytes_sent, self.sent_until = 0, 0.0
+        self.bytes_sent, self.further_bytes, self.sent_until = 0, list[int](), 0.0
         self._imu, self._answer_timeout = imu, answer_timeout
         self._imu_is_late = False  # whether the last answer was not in time
         self._until = 0.0
@@ -170,13 +172,14 @@ class BenchDevice:
         try:
             # If the IMU is already late, do not wait again.
             timeout = 0.0 if self._imu_is_late else self._answer_timeout
-            sent = motion_link.receive_byte_count(self._imu, timeout)
+            sent = motion_link.receive_byte_counts(self._imu, timeout)
         except OSError:
             self._disconnect_imu()
             return False
         self._imu_is_late = sent is None
         if sent is not None:
-            self.bytes_sent, self.sent_until = sent, self._unacknowledged.pop(0)
+            self.bytes_sent, *self.further_bytes = sent
+            self.sent_until = self._unacknowledged.pop(0)
         return sent is not None
 
     def _disconnect_imu(self) -> None:
@@ -293,7 +296,8 @@ class ClockServer:
             device.advance(now)
             if until <= before:
                 device.synchronise_imu()
-            return f"{now!r} {device.bytes_sent} {device.sent_until!r}\n".encode()
+            further = "".join(f" {count}" for count in device.further_bytes)
+            return f"{now!r} {device.bytes_sent} {device.sent_until!r}{further}\n".encode()
 
 
 def main() -> None:

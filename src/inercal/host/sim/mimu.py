@@ -12,6 +12,7 @@ Each line of standard input sets a fault, and is answered by `ok` or by an error
     fault silent on      sends nothing until `fault silent off`, but still counts readings
     fault unplug         removes the port until `fault replug`
     die                  ends the process at once, as if killed
+    2 fault unplug       sets a fault of the second IMU, if there are several (`--imus`)
 
 The bytes go to a pseudo-terminal or over TCP, which never delay the IMU for long. Bytes that no
 buffer can take are lost, as when a real port overruns.
@@ -25,7 +26,7 @@ import socket
 import sys
 import tty
 from argparse import ArgumentParser
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext, suppress
 from functools import partial
 from math import nan
@@ -47,7 +48,7 @@ from inercal.host.sim.faults import parse_number, unknown_fault
 from inercal.host.sim.imu_model import SimulatedImu, draw_bias_drift, noise_block_size
 from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.server import answer_lines
-from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
+from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors, numbered_imu
 from inercal.runfile import Run, read
 
 COMPILING = "compiling"  # printed before the address if kernels are compiled and not loaded
@@ -217,14 +218,15 @@ class PacketSender:
         return bad.tobytes()
 
 
-def serve_motion(end: socket.socket, imu: SimulatedImu, sender: PacketSender) -> None:
-    """Answer each block of motion after sending the readings that are due."""
+def serve_motion(end: socket.socket, imus: Sequence[tuple[SimulatedImu, PacketSender]]) -> None:
+    """Answer each block of motion after all IMUs have sent the readings that are due."""
     # If the table is gone, there is no more motion.
     with suppress(OSError):
         while (part := motion_link.receive(end)) is not None:
-            first = imu.next_number
-            sender.send(first, imu.read_block(part), part.temperature)
-            motion_link.send_byte_count(end, sender.sent)
+            for imu, sender in imus:
+                first = imu.next_number
+                sender.send(first, imu.read_block(part), part.temperature)
+            motion_link.send_byte_counts(end, *(sender.sent for _, sender in imus))
 
 
 class MotionServer(Closeable):
@@ -234,12 +236,11 @@ class MotionServer(Closeable):
     ----------
     listener : socket
         Listening socket, which is closed together with the server.
-    imu : SimulatedImu
-    sender : PacketSender
+    imus : sequence of (SimulatedImu, PacketSender)
     """
 
-    def __init__(self, listener: socket.socket, imu: SimulatedImu, sender: PacketSender):
-        self._listener, self._imu, self._sender = listener, imu, sender
+    def __init__(self, listener: socket.socket, imus: Sequence[tuple[SimulatedImu, PacketSender]]):
+        self._listener, self._imus = listener, imus
         self._table: socket.socket | None = None
         self._lock, self._closed = Lock(), False
         self._thread = Thread(target=self._serve, daemon=True)
@@ -256,7 +257,7 @@ class MotionServer(Closeable):
                     if self._closed:
                         return
                     self._table = end
-                serve_motion(end, self._imu, self._sender)
+                serve_motion(end, self._imus)
                 with self._lock:
                     self._table = None
 
@@ -337,6 +338,7 @@ def main() -> None:
         "--preset", default="fixed", help="packet preset, or a file that describes the packets"
     )
     parser.add_argument("--rate", type=float, help="packet rate, Hz")
+    parser.add_argument("--imus", type=int, default=1, help="number of IMUs")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--terminal", action="store_true", help="use a pseudo-terminal, not TCP")
     where.add_argument("--port", type=int, default=0, help="TCP port; 0: any free one")
@@ -357,29 +359,41 @@ def main() -> None:
             rate = packet_rate(run, layout, options.rate)
             seconds = noise_duration(run, drawn)
             with on_compilation(announce) if options.announce_compilation else nullcontext():
-                imu, packer = SimulatedImu(run, drawn, rate, seconds), PacketPacker(layout, rate)
+                imus = [
+                    SimulatedImu(*numbered_imu(run, drawn, number), rate, seconds)
+                    for number in range(1, options.imus + 1)
+                ]
+                packer = PacketPacker(layout, rate)
         except InputError as error:
             print(f"no: {error}", flush=True)
             sys.exit(2)
-        path = folder / "imu"
-        port = options.port
+        ports = {"": options.port}
 
-        def plug() -> SimulatorPort:
-            nonlocal port
+        def plug(number: str) -> SimulatorPort:
             if options.terminal:
-                return TerminalPort(path)
+                return TerminalPort(folder / f"imu{number}")
             # When the port is replugged, it has the same path.
-            opened = TcpPort(port)
-            port = opened.port
+            opened = TcpPort(ports.get(number, 0))
+            ports[number] = opened.port
             return opened
 
-        sender = PacketSender(packer, plug, options.seed)
+        senders = {
+            number: PacketSender(packer, partial(plug, number), options.seed + k)
+            for k, number in enumerate(["", *map(str, range(2, options.imus + 1))])
+        }
 
-        stack.enter_context(MotionServer(listener, imu, sender))
-        print(f"at {sender.address} motion {motion}", flush=True)
-        answer_lines(sender.set_fault, sys.stdin, sys.stdout)
-        with sender.lock:
-            sender.close()
+        def set_fault(words: str) -> None:
+            number, _, rest = words.partition(" ")
+            known = number in senders
+            senders[number if known else ""].set_fault(rest if known else words)
+
+        sending = list(zip(imus, senders.values(), strict=True))
+        stack.enter_context(MotionServer(listener, sending))
+        print("at", *(one.address for one in senders.values()), f"motion {motion}", flush=True)
+        answer_lines(set_fault, sys.stdin, sys.stdout)
+        for one in senders.values():
+            with one.lock:
+                one.close()
 
 
 if __name__ == "__main__":

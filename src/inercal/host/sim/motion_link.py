@@ -2,7 +2,8 @@
 
 The link is a Unix socket (`unix:PATH`), which wakes the other end faster than TCP does. A block
 contains servo cycles and the bench time that was reached. The IMU first sends the readings that are
-due at this time, and then answers with the total number of bytes that it has sent.
+due at this time, and then answers with the total number of bytes that it has sent. If several
+IMUs sense the motion, the answer contains the number for each of them.
 """
 
 import socket
@@ -21,7 +22,7 @@ SOCKET_NAME = "motion"  # name of the socket in the folder of the bench
 _RETRY_INTERVAL = 0.05  # s
 # until, period, temperature, first cycle, cycles, axes, length of the mounting
 _HEAD = Struct("<dddqqqq")
-_BYTE_COUNT = Struct("<q")
+_COUNTS = Struct("<q")  # number of the following byte counts, each of the same size
 
 
 class MotionBlock(NamedTuple):
@@ -92,13 +93,13 @@ def receive(end: socket.socket) -> MotionBlock | None:
     return MotionBlock(until, period, first, moved, name.decode(), temperature)
 
 
-def send_byte_count(end: socket.socket, sent: int) -> None:
-    """Send the total number of bytes that the IMU has sent."""
-    end.sendall(_BYTE_COUNT.pack(sent))
+def send_byte_counts(end: socket.socket, *sent: int) -> None:
+    """Send the total number of bytes that each IMU has sent."""
+    end.sendall(b"".join(map(_COUNTS.pack, (len(sent), *sent))))
 
 
-def receive_byte_count(end: socket.socket, timeout: float) -> int | None:
-    """Return the number of bytes that the IMU has sent; None if no answer arrives in time.
+def receive_byte_counts(end: socket.socket, timeout: float) -> list[int] | None:
+    """Return the numbers of bytes that the IMUs have sent; None if no answer arrives in time.
 
     Raises
     ------
@@ -107,10 +108,11 @@ def receive_byte_count(end: socket.socket, timeout: float) -> int | None:
     """
     if not select([end], [], [], timeout)[0]:
         return None
-    data = _receive_exactly(end, _BYTE_COUNT.size)
-    if data is None:
-        raise ConnectionResetError("the simulated IMU has closed the connection")
-    return int(_BYTE_COUNT.unpack(data)[0])
+    if head := _receive_exactly(end, _COUNTS.size):
+        (number,) = _COUNTS.unpack(head)
+        if (data := _receive_exactly(end, number * _COUNTS.size)) is not None:
+            return [count for (count,) in _COUNTS.iter_unpack(data)]
+    raise ConnectionResetError("the simulated IMU has closed the connection")
 
 
 def _receive_exactly(end: socket.socket, size: int) -> bytes | None:

@@ -29,6 +29,7 @@ from inercal.runfile import Run
 # past.
 _LOOKAHEAD_CYCLES = 4
 _NOISE_BLOCK = 4096  # number of readings in a block of noise
+_SEED_STEP = 1_000_003  # from the seed of one IMU to that of the next
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,15 @@ def draw_errors(run: Run, seed: int) -> SimulatedErrors:
     except InputError as error:
         raise key_error("[bench] latency", str(error), run.path) from None
     return drawn
+
+
+def numbered_imu(run: Run, drawn: SimulatedErrors, number: int) -> tuple[Run, SimulatedErrors]:
+    """Return the run and the errors from which the IMU with a number, from 1 on, is simulated.
+
+    Its true coefficients are those in the run file divided by its number, and it has other noise.
+    """
+    truth = {name: value / number for name, value in run.truth.items()}
+    return replace(run, truth=truth), replace(drawn, seed=drawn.seed + (number - 1) * _SEED_STEP)
 
 
 def noise_generator(seed: int, what: Literal["white", "drift", "readback"], *key: int) -> Generator:

@@ -289,7 +289,7 @@ class _RunFinalizer:
         """Write recording, calibration and report, and return the message about the end."""
         sensor = self._folder.run.sensor.name
         try:
-            outcome, _ = finish_run(
+            outcome, *_ = finish_run(
                 self._folder, self._journal, live, lambda: self.register_sync.history(sensor)
             )
         except InercalError as error:
