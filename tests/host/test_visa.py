@@ -94,7 +94,7 @@ def test_a_closed_instrument_may_be_closed_again(meters: Meters):
     voltmeter = opened(meters.voltmeter())
     voltmeter.close()
     voltmeter.close()
-    assert list(meters.library.sessions) == [meters.library.resource_manager.session]
+    assert list(meters.visa.sessions) == [meters.visa.resource_manager.session]
 
 
 def test_a_setup_is_sent_and_its_error_is_told(meters: Meters):

@@ -23,7 +23,7 @@ class Meters:
         text = (MEASURE / "meters.yaml").read_text(encoding="utf-8")
         more = "".join(f"  {name}:\n    device: counter\n" for name in COUNTERS[1:])
         self.file.write_text(text + more, encoding="utf-8")
-        self.library: Any = ResourceManager(f"{self.file}@sim").visalib
+        self.visa: Any = ResourceManager(f"{self.file}@sim").visalib
 
     def voltmeter(self, *options: str) -> str:
         return self._address(VOLTMETER, *options)
@@ -36,15 +36,15 @@ class Meters:
 
     def show(self, text: str, name: str = VOLTMETER) -> None:
         """Let a meter answer with this text."""
-        self.library.devices[name].write(f"SIM:INPUT {text}\n".encode())
+        self.visa.devices[name].write(f"SIM:INPUT {text}\n".encode())
 
     def lose(self) -> None:
         """End all connections, as an instrument does that is switched off and on."""
-        self.library.sessions.clear()
+        self.visa.sessions.clear()
 
     def name(self, identity: str) -> None:
         """Let another voltmeter be at the address."""
-        self.library.devices[VOLTMETER]._dialogues[b"*IDN?"] = identity.encode()
+        self.visa.devices[VOLTMETER]._dialogues[b"*IDN?"] = identity.encode()
 
 
 class Operator(StringIO):

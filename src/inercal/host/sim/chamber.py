@@ -110,7 +110,7 @@ class SimulatedChamber(Closeable):
 
         `door` opens the door. `overtemperature` makes the heater run until the limiter trips at
         10 K above the highest set point; `overtemperature off` also resets the limiter. `sensor`
-        breaks the sensor of the air temperature, and `silent` swallows all replies.
+        breaks the thermometer of the air, and with `silent` the chamber no longer replies.
 
         Raises
         ------
