@@ -1,4 +1,4 @@
-"""Compiled moments of the second-order terms in `inercal.methods.curvature`, for many trials."""
+"""Kernel for the moments of the second-order terms in `inercal.methods.curvature`, many trials."""
 # Numba's decorator has no type annotations.
 # pyright: reportUntypedFunctionDecorator=false
 
