@@ -250,36 +250,41 @@ def chance_limit(devices: int, share: float = 0.01) -> int:
 _PAGE = """\
 # A model that fits itself: what is added, counted
 
-Written by `python -m tests.evidence.auto`; do not edit. Each device was calibrated with `also =
-"auto"`, which adds the coefficients that the score tests ask for. The devices are those of [the
-table of violations](violations.md), made by generators that know nothing of inercal. NEES is the
-mean of (error)ᵀ covariance⁻¹ (error) over the number of coefficients, of all coefficients of the
-result and of all devices, whatever was added to them; it should be 1.
+Written by `python -m tests.evidence.auto`; do not edit. Each device was calibrated with
+`also = "auto"`, which adds the coefficients that the score tests ask for. The devices are those of
+[the table of violations](violations.md). They were made by generators that are independent of
+inercal. NEES is the mean of (error)ᵀ covariance⁻¹ (error) over the number of coefficients. It
+includes all coefficients of the result and all devices, whatever was added to them; 1 is expected.
 
 Seeds: {seeds} for devices without a violation, 1 for the others. Commit {commit}; {machine}.
 
 ## Nothing to add
 
-Everything is as the run file states. The score tests reject at most 0.8 % of such devices.
+In these devices, everything is as the run file states. The score tests reject at most 0.8 % of such
+devices. The fourth column is the number that a true share of 1 % exceeds by chance in only one of
+2 000 cases.
 
-| method | devices | something was added | chance allows, of 1 % | NEES |
+| method | devices | something was added | limit for a true 1 % | NEES |
 |---|--:|--:|--:|--:|
 {base}
 
 ## A coefficient that the method can estimate
 
-The three axes have the violation with different sizes, 1 : −0.7 : 0.8. η is the norm of the
-whitened residual that it leaves, computed apart from inercal. The angle is that to the nearest
-other coefficient of this table. At a small angle either of the two explains the residuals better by
-chance: "beside" counts devices to which another one was added and the verdict warns that the
-true one would explain the residuals as well. A further row then has the η at which the two can be
-told apart. At η = 4 and 6 the tests do not always notice the violation. Of the filters of
-turntable_kalman χ² drops by some units less than promised, because they begin with an expected size
-of k2: near η = 8 some additions are not made. Nor is one made where a coefficient that the method
-cannot estimate leads, as koq may do in place of k3. A device without the addition has the errors
-of a calibration with the violation, so that a few of them raise the mean NEES. The last column is
-the NEES of those devices to which the violation was added and nothing else; "other" counts the
-devices to which something else was added.
+All three axes have the violation, with sizes in the ratio 1 : −0.7 : 0.8. η is the norm of the
+whitened residuals that the violation leaves; it was computed without inercal. The angle is the
+angle to the nearest other coefficient of this table. If this angle is small, either of the two
+coefficients may explain the residuals better by chance. The column "beside" counts the devices to
+which the other coefficient was added, with a warning in the verdict that the true coefficient would
+explain the residuals as well. For such coefficients, a further row has the η at which the data can
+distinguish the two.
+
+At η = 4 and 6, the tests do not always notice the violation. The filters of turntable_kalman begin
+with an expected size of k2, so χ² drops by some units less than predicted. Near η = 8, some
+coefficients are therefore not added. A coefficient is also not added if the leading suspect is one
+that the method cannot estimate; koq, for example, may lead instead of k3. A device without the
+addition has the errors of a calibration with the violation, so a few such devices increase the mean
+NEES. The last column is the NEES of the devices to which only the violation was added. The column
+"other" counts the devices to which something else was added.
 
 | method | violation | angle | η | devices | added, % | beside, % | other, % | NEES | where added |
 |---|---|--:|--:|--:|--:|--:|--:|--:|--:|
@@ -287,10 +292,11 @@ devices to which something else was added.
 
 ## Other causes
 
-Violations of the bench and of the sensor that the method cannot estimate, or that all axes have
-alike, as an error of the bench has: η = 8. Where the cause is no coefficient of the method, what
-was added is wrong: it resembles the cause. The verdict then warns, and names the true cause beside
-it. A large NEES without an addition is that of any calibration with this violation.
+These violations concern the bench, or they concern the sensor but the method cannot estimate them,
+or they have the same size on all axes, as an error of the bench has. In all rows, η is 8. If the
+cause is not a coefficient of the method, any coefficient that was added is wrong, and only
+resembles the cause. The verdict then gives a warning and also names the true cause. If NEES is
+large although nothing was added, any calibration with this violation has this NEES.
 
 | method | violation | devices | something was added, % | named beside, % | NEES |
 |---|---|--:|--:|--:|--:|

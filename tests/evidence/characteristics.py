@@ -51,17 +51,19 @@ NAMES = ("hysteresis", "threshold", "dead band", "resolution")
 _PAGE = """\
 # Characteristics: hysteresis, threshold, dead band and resolution
 
-Written by `make evidence`; do not edit. Gyros on a rate table and accelerometers on a dividing head
-are made by a generator that knows nothing of inercal (`tests/evidence/characteristic_devices.py`),
-with errors of the bench drawn as stated, and a slope at small inputs that differs by 0.1 % (1 σ).
-"Bias" is the mean error divided by the mean u, "coverage" is the share of devices whose 95 %
-interval contains the true value, and "reported" is the share of devices in which the effect is
-called detected. With 600 devices, 91.8 to 97.7 % of coverage is the 99.9 % band of a true 95 %. The
-last rows contain no effect; what is reported there is a false alarm. Hysteresis is counted in
-sensors without a band, because the readings inside a dead band do not show the errors of the bench;
-in the others it is a nuisance. A jump is only known to lie between two inputs that were applied, so
-the widths of these devices are drawn evenly over several such intervals. Lock-in is a law of laser
-gyros.
+Written by `make evidence`; do not edit. A generator that is independent of inercal
+(`tests/evidence/characteristic_devices.py`) made gyros on a rate table and accelerometers on a
+dividing head. The errors of the bench were drawn as stated, and the slope at small inputs differs
+by 0.1 % (1 σ). "Bias" is the mean error divided by the mean u. "Coverage" is the share of devices
+whose 95 % interval contains the true value. "Reported" is the share of devices in which the effect
+is called detected. If the true coverage is 95 %, the coverage counted in 600 devices is between
+91.8 and 97.7 % with a probability of 99.9 %. The devices in the last rows have no effect, so each
+effect that is reported there is a false alarm.
+
+Hysteresis was only counted in sensors without a dead band, because the readings inside a dead band
+do not show the errors of the bench. In the other sensors, hysteresis is a nuisance. If the output
+jumps, the data only show between which two inputs the jump lies. The widths of these devices were
+therefore drawn uniformly over several such intervals. Lock-in occurs in laser gyros.
 
 | sensor | law | size | effect | true value | mean u | bias / u | coverage, % | reported, % |
 |---|---|---|---|--:|--:|--:|--:|--:|

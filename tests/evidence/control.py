@@ -41,25 +41,27 @@ _OF_BIAS = sqrt(9.3**2 + 60**2) * MICRO
 _PAGE = """\
 # Control charts: run lengths
 
-Written by `make evidence`; do not edit. Runs and laboratories are simulated without inercal. The
+Written by `make evidence`; do not edit. Runs and laboratories were simulated without inercal. The
 run length is the number of points until a chart signals.
 
 ## Known covariance
 
-Limits for an in-control run length of 370.4, by inercal's integral equation; mean run length of
-{runs} runs (base seeds {seeds}) after a shift in standard deviations (of all together: √(δᵀV⁻¹δ)),
-with the standard deviation of the mean.
+The limits are for an in-control run length of 370.4, and were computed with inercal's integral
+equation. The table states the mean run length after a shift, from {runs} runs (base seeds {seeds}),
+with the standard deviation of this mean. The shift is in standard deviations; for all coefficients
+together it is √(δᵀV⁻¹δ).
 
 | chart | limit | {shifts} |
 |---|--:|--:|--:|--:|--:|
 {known}
 
-CUSUM takes the place of EWMA by `--lasting CUSUM`.
+With `--lasting CUSUM`, a CUSUM chart replaces the EWMA chart.
 
 ## A reference of m sessions, one coefficient
 
-In-control run length that nine of ten laboratories exceed, and the median: limit 3 S of the
-handbooks, and t S √(1 + 1/m) of inercal ({labs} laboratories).
+The table compares the limit 3 S of the handbooks with the limit t S √(1 + 1/m) of inercal. For each
+limit, it states the in-control run length that nine of ten laboratories exceed, and the median
+({labs} laboratories).
 
 | m | 3 S: one in ten below | median | t S √(1 + 1/m): one in ten below | median |
 |--:|--:|--:|--:|--:|
@@ -67,8 +69,8 @@ handbooks, and t S √(1 + 1/m) of inercal ({labs} laboratories).
 
 ## Sessions of one day
 
-Four sessions a day with half of their variance in common: mean in-control run length of an EWMA
-(λ = 0.2, L = 2.860) in points.
+There are four sessions a day, and half of their variance is common to all four. The table states
+the mean in-control run length of an EWMA chart (λ = 0.2, L = 2.860) in points.
 
 | charted | run length |
 |---|--:|
@@ -76,11 +78,13 @@ Four sessions a day with half of their variance in common: mean in-control run l
 
 ## Laboratories
 
-A triad with a turn-on scatter of 60 and 30 (bias, scale factor; 1e-6 SI), a new mounting of 40 each
-day, own uncertainties of 9.3, 14 and 18. `inercal control` draws all 26 charts for an in-control
-run length of 370 days; {reported} laboratories a row, {length} days after the reference. From the
-first of these days on ax.k0 reads so many standard deviations more. In control 24 % of laboratories
-signal within 100 days where the run length is 370.
+Each laboratory measures a triad. From session to session, the bias scatters by 60 and the scale
+factor by 30 (1e-6 SI). The triad is mounted again each day, with a scatter of 40. The uncertainties
+of a session itself are 9.3, 14 and 18 (bias, scale factor, misalignment). `inercal control` draws
+all 26 charts for an in-control run length of 370 days. Each row contains {reported} laboratories
+and {length} days after the reference. From the first of these days on, ax.k0 is too large by the
+stated step, in standard deviations. If the run length is 370, 24 % of laboratories in control
+signal within 100 days.
 
 | reference, days | step | laboratories that signal, % | days that signal, % | median run length |
 |--:|--:|--:|--:|--:|

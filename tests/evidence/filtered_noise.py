@@ -166,13 +166,14 @@ def page(found: dict[str, Any]) -> str:
     lines = [
         "# Noise behind a sensor's own filter, counted",
         "",
-        "Written by `python -m tests.evidence.filtered_noise`; do not edit. Recordings are made by",
-        "`tests/noise/filtered_generator.py`, which knows nothing of inercal: gyros of 0.3 °/√h,",
-        f"100 Hz where no rate is stated, 30 min, {found['runs']} recordings a row,",
-        f"{found['fewer']} of the tables below. Rows with B, K",
-        "have 10 °/h, 1 °/h/√s and readings in steps of 0.0076 °/s, too. N is compared with that",
-        "of the readings, which holds their rounding. Covered is the share within ±2u, or within",
-        "the interval by profile likelihood.",
+        "Written by `python -m tests.evidence.filtered_noise`; do not edit. Recordings were made",
+        "by `tests/noise/filtered_generator.py`, which is independent of inercal. Each recording",
+        "contains 30 min of a gyro with 0.3 °/√h, sampled at 100 Hz unless another rate is",
+        f"stated. There are {found['runs']} recordings in each row of the first table, and",
+        f"{found['fewer']} in each row of the other tables. In rows with B, K, the gyro also has",
+        "10 °/h, 1 °/h/√s and readings in steps of 0.0076 °/s. The true N is that of the",
+        'readings, so it includes the rounding. "Covered" is the share of true values within ±2u',
+        "or within the profile-likelihood interval.",
         "",
         "## Filters",
         "",
@@ -191,14 +192,14 @@ def page(found: dict[str, Any]) -> str:
             f"| {_number(one, 'K covered')} |"
         )
     lines += ["", "## Sensors without a filter", "",
-              "A Gauss–Markov process has the spectrum of white noise behind one pole; beside "
-              "white noise of a fourth of its plateau it is told apart.", "",
+              "A Gauss–Markov process has the same spectrum as white noise behind one pole. If "
+              "there is also white noise of a quarter of its plateau, they can be told apart.", "",
               "| truth | called a filter | refused | N: median, rms | covered |",
               "|---|---|---|---|---|"]  # fmt: skip
     for name, one in found["unfiltered"].items():
         lines.append(_short(name, one, one["filter"]))
-    lines += ["", "## Filters that no candidate describes, and those near the flicker", "",
-              "Flicker of 10 °/h crosses white noise of 0.3 °/√h at 0.05 Hz.", "",
+    lines += ["", "## Filters that no candidate describes, and filters near the flicker", "",
+              "At 0.05 Hz, flicker of 10 °/h is as large as white noise of 0.3 °/√h.", "",
               "| truth | a part of the band used | refused | N: median, rms | covered |",
               "|---|---|---|---|---|"]  # fmt: skip
     for name, one in found["hard"].items():

@@ -246,27 +246,28 @@ _DEVICES = (
 )
 _COLUMNS = (
     "NEES is the mean of (error)ᵀ covariance⁻¹ (error) over the number of coefficients and the "
-    "dip; 1 is expected. The column covered states how many of them differ from the true value by "
-    "at most U (k = 2); 95.45 % are expected. If χ² exceeds its 95 % bound, which happens by "
-    "chance in 5 % of devices, the covariance includes an inhomogeneity of the field. Each band "
-    "is the range in which chance leaves the number before it with a probability of 99.9 %. A "
+    "dip; 1 is expected. The column *covered* states how many of them differ from the true value "
+    "by at most U (k = 2); 95.45 % are expected. If χ² exceeds its 95 % bound, which happens by "
+    "chance in 5 % of devices, the covariance includes an inhomogeneity of the field. With a "
+    "probability of 99.9 %, the number before a band lies within this band. A "
     "false alarm is a verdict other than *consistent*; 1 % is expected for all tests together."
 )
 _SIZES = (
     "The size of a disturbance is η, and η² is the χ² that exact readings would have. A "
-    "disturbance of η = 6 is missed with a probability of 5 %. It is detected if a test of its "
-    "kind rejects. It is named if the test with the smallest p-value also has the true time or "
-    "rest; neighbouring times often cannot be distinguished, and then the verdict says so."
+    "disturbance of η = 6 is missed with a probability of 5 %. A disturbance counts as detected if "
+    "a test for this kind of disturbance rejects the model. It counts as named if the test with "
+    "the smallest p-value also has the true time or rest. Neighbouring times often cannot be "
+    "distinguished, and then the verdict says so."
 )
 
 
 def _uneven(one: dict[str, Any]) -> str:
     low, high = one["tau_range"]
     return (
-        "If each component of the field differs by 1 % (1 σ) from rest to rest, an inhomogeneity "
-        f"of {one['tau_percent']:.2f} % is found on average, and of {low:.2f} to {high:.2f} % in "
-        f"80 % of {one['devices']} devices. U includes it: NEES is {one['nees']:.3f}, and "
-        f"{100 * one['covered']:.1f} % are covered."
+        "If each component of the field differs by 1 % (1 σ) from rest to rest, inercal finds an "
+        f"inhomogeneity of {one['tau_percent']:.2f} % on average. In 80 % of {one['devices']} "
+        f"devices, it finds {low:.2f} to {high:.2f} %. U includes the inhomogeneity: NEES is "
+        f"{one['nees']:.3f}, and {100 * one['covered']:.1f} % of the coefficients are covered."
     )
 
 

@@ -36,16 +36,17 @@ MAX_SHARE = 0.07  # of coefficients
 _BEYOND = 0.0455  # of a normal distribution, beyond 2 standard deviations
 DATA, PAGE = stored_counts.FOLDER / "coverage.json", stored_counts.FOLDER / "coverage.md"
 _PAGE = """\
-# Slow noise and drift: what is called consistent errs as it says, counted
+# Slow noise and drift: errors in sessions that are called consistent
 
 Written by `make evidence`; do not edit. Generators that are independent of inercal
 (`tests/evidence/noise_coverage.py`) made recordings of six rests of 10 s in 70 s, and of 24 rests
 of 3 s in 110 s. The recordings contain correlated noise, or a drift of the accelerometer biases. A
 drift is linear, or exponential with a time constant between a tenth of the run and the whole run.
-The truth of a bias is its mean over the run; how far that is from the mean of other runs no
-recording shows. Counted are coefficients that err by more than 2u in sessions that are called
-consistent, as a share of all coefficients of all sessions: at most {most:.0%} are allowed, or the
-upper end of the 99.9 % band of the draws; 4.6 % are what a normal distribution has. Seed {seed}.
+The true value of a bias is its mean over the run. No recording can show how far this mean is from
+the mean of other runs. The column "beyond 2u" counts the coefficients that are wrong by more than
+2u in sessions that are called consistent, as a share of all coefficients of all sessions. A normal
+distribution gives 4.6 %. At most {most:.0%} are allowed, or the upper end of the 99.9 % sampling
+band of a normal distribution if that is larger. Seed {seed}.
 
 | method | what is added | sessions | called consistent | beyond 2u | NEES of those |
 |---|---|---|---|---|---|

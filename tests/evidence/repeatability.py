@@ -28,16 +28,17 @@ CASES = {
 }
 _KINDS = [kind == KIND for kind in range(3)]
 _PAGE = """\
-# Repeated sessions: how often U of mean and next use covers the truth
+# Repeated sessions: how often the U of the mean and of the next use cover the truth
 
-Written by `make evidence`; do not edit. Laboratories are simulated without inercal
-(`tests/repeatability/laboratory.py`): a triad with own uncertainties of 9.3, 14 and 18 of bias,
-scale factor and misalignment, and further 0, 10 and 20 that sessions share (1e-6 SI). {count}
-laboratories with base seeds {seeds}; coverage in percent of bias, scale factor, misalignment; 95.45
-are aimed at, and the next use holds a new mounting. "Last session" and "independent" are what one
-states without the scatter: 2u of the last session, and 2u of the mean of sessions taken as
-independent. "All at once" is the region of twelve coefficients of the next use, by the limit of χ²
-and by that of F.
+Written by `make evidence`; do not edit. The laboratories were simulated without inercal
+(`tests/repeatability/laboratory.py`). In each session, the bias, scale factor and misalignment of a
+triad have uncertainties of 9.3, 14 and 18 from this session, and uncertainties of 0, 10 and 20 that
+all sessions have in common (1e-6 SI). There are {count} laboratories with base seeds {seeds}. The
+table states the coverage of bias, scale factor and misalignment in percent; 95.45 are expected. The
+next use includes a new mounting. The columns "last session" and "independent" ignore the scatter
+between sessions. "Last session" uses 2u of the last session, and "independent" uses 2u of the mean
+of sessions that are treated as independent. "All at once" is the joint region of all twelve
+coefficients in the next use, with the limit of χ² or of F.
 
 | {heads} |
 |---|--:|---|---|--:|---|---|--:|--:|

@@ -184,15 +184,16 @@ def page(found: dict[str, Any]) -> str:
     lines = [
         "# Noise of a sensor at rest: coverage, models, disturbances, counted",
         "",
-        "Written by `python -m tests.evidence.sensor_noise`; do not edit. Recordings are made by",
-        "`tests/noise/generator.py`, which knows nothing of inercal.",
-        f"Coverage is of {found['runs']} recordings for each of three seeds; the other",
-        f"lines are of {found['fewer']} recordings each.",
+        "Written by `python -m tests.evidence.sensor_noise`; do not edit. Recordings were made by",
+        "`tests/noise/generator.py`, which is independent of inercal. The coverage was counted in",
+        f"{found['runs']} recordings for each of three seeds. The other lines contain",
+        f"{found['fewer']} recordings each.",
         "",
         "## Coefficients by likelihood",
         "",
-        "N and B count as covered within ±2u, K within its interval by profile likelihood, or",
-        "below its upper limit where it comes out zero.",
+        "N and B count as covered if the true value is within ±2u. K counts as covered if the",
+        "true value is within its profile-likelihood interval or, if the estimate of K is zero,",
+        "below its upper limit.",
         "",
         "| grade | | N | B | K |",
         "|---|---|---|---|---|",
@@ -205,7 +206,8 @@ def page(found: dict[str, Any]) -> str:
             )
         lines.append(f"| {grade} | K zero | | | {one['zero']:.3g} |")
     lines += ["", "## Models", "",
-              "Chosen by Akaike's criterion; a term is false where the truth lacks it.", "",
+              "The model is chosen by Akaike's criterion. A term is false if the true noise",
+              "lacks it.", "",
               "| truth | chosen rightly | false term by AIC | false term called significant |",
               "|---|---|---|---|"]  # fmt: skip
     for name, one in found["models"].items():
@@ -218,9 +220,9 @@ def page(found: dict[str, Any]) -> str:
               "| what | found | largest error of its time, s |", "|---|---|---|"]  # fmt: skip
     for what, one in found["disturbances"].items():
         lines.append(f"| {what} | {one['found']:.3f} | {one['largest_time_error']:g} |")
-    lines += ["", "## Alarms of undisturbed recordings, MEMS grade, six channels", "",
-              "An alarm is a disturbance or a line in any channel. Limits and levels were set on",
-              "the seeds that are called tuned, so that only the fresh ones count.", "",
+    lines += ["", "## Alarms in undisturbed recordings, MEMS grade, six channels", "",
+              "An alarm is a disturbance or a line in any channel. The limits and levels were",
+              "tuned with the seeds in the last line, so only the fresh seeds are a test.", "",
               "| seeds | recordings | with an alarm | share | 95 % upper limit |",
               "|---|---|---|---|---|"]  # fmt: skip
     for name, one in found["clean"].items():

@@ -20,16 +20,18 @@ DATA, PAGE = FOLDER / "violations.json", FOLDER / "violations.md"
 _PAGE = """\
 # Violations: what is noticed, counted
 
-Written by `make evidence`; do not edit. Each cell is 40 devices with errors drawn as stated, made
-by generators that know nothing of inercal, with one thing that the stated model leaves out. η is
-the norm of the whitened residual that it leaves after the fit, computed apart from inercal; at
-η = 6 a test at the level of the verdict notices it in nearly all devices. "5 u" is the size that
-shifts some coefficient by five standard uncertainties. What η < 6 leaves unsaid is listed in
-[what the data cannot tell](../reference/what-the-data-cannot-tell.md).
+Written by `make evidence`; do not edit. Each cell contains 40 devices whose errors were drawn as
+stated. The devices were made by generators that are independent of inercal. In each cell, the
+devices have one violation, which the stated model leaves out. η is the norm of the whitened
+residuals that the violation leaves after the fit; it was computed without inercal. At η = 6, a test
+at the level of the verdict notices the violation in nearly all devices. "5 u" is the size that
+shifts some coefficient by five standard uncertainties. [What the data cannot
+tell](../reference/what-the-data-cannot-tell.md) lists the violations that matter although η is
+below 6.
 
-The nearest rival is the angle between what the violation leaves in the residuals and what the
-nearest other cause leaves: below 30° both are named together. NEES is the mean of
-(error)ᵀ covariance⁻¹ (error) over the number of coefficients.
+The column "nearest rival" states the angle between the residuals that the violation leaves and the
+residuals that the nearest other cause leaves. If this angle is below 30°, the verdict names both
+causes together. NEES is the mean of (error)ᵀ covariance⁻¹ (error) over the number of coefficients.
 
 Seeds: 1 for violations; 1, 2 and 3 for base cases, 300 devices each.
 
@@ -37,11 +39,11 @@ Seeds: 1 for violations; 1, 2 and 3 for base cases, 300 devices each.
 
 ## Base cases
 
-In these devices everything is as the run file states. NEES should be 1; the number behind ± is
+In these devices, everything is as the run file states. NEES should be 1; the number behind ± is
 three standard deviations of its scatter by chance. If χ² is computed correctly, its p-values over
-all devices are uniform between 0 and 1: the column "p of χ²" is the p-value of a
-Kolmogorov–Smirnov test of this. Where a method tests its residuals in groups, the same test was
-made for each group. A false alarm is a verdict other than "consistent".
+all devices are uniformly distributed between 0 and 1. The column "p of χ²" is the p-value of a
+Kolmogorov–Smirnov test of this. If a method tests its residuals in groups, the same test was made
+for each group. A false alarm is a verdict other than "consistent".
 
 {base}
 

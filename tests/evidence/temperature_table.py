@@ -76,13 +76,14 @@ def page(stored: Stored) -> str:
     lines = [
         "# Temperature: errors against what is stated",
         "",
-        "Written by `python -m tests.evidence.temperature_table`; the generators in tests/accuracy",
-        "import nothing of inercal. u is the stated standard uncertainty.",
+        "Written by `python -m tests.evidence.temperature_table`; do not edit. The generators in",
+        "tests/accuracy are independent of inercal. u is the stated standard uncertainty.",
         "",
         "## Soaks",
         "",
-        f"{own['trials']} triads of MEMS accelerometers, seven soaks from −40 to 85 °C, six faces",
-        "in each; sizes and errors are in tests/accuracy/soaks.py. Coefficients are about 25 °C.",
+        f"{own['trials']} triads of MEMS accelerometers were measured in seven soaks from −40 to",
+        "85 °C, on six faces in each soak. tests/accuracy/soaks.py states the sizes of the",
+        "coefficients and errors. The coefficients refer to 25 °C.",
         "",
         "| coefficient | unit | rms of the error | within 2 u |",
         "|---|---|---|---|",
@@ -92,13 +93,13 @@ def page(stored: Stored) -> str:
         lines.append(f"| `{term}` | {unit} | {rms / size:.3g} | {coverage:.3f} |")
     lines += [
         "",
-        f"NEES over the number of coefficients {own['nees']:.3f}; χ²/ν {own['chi2/dof']:.3f}. AIC",
-        f"names the orders 3, 2, 1 that made the data in {own['true orders']} of {own['trials']}. "
-        "χ²/ν of orders too low: "
-        + "; ".join(f"{orders}: {ratio:.3g}" for orders, ratio in own["orders too low"].items())
+        f"NEES is {own['nees']:.3f} per coefficient, and χ²/ν is {own['chi2/dof']:.3f}. AIC",
+        f"chooses the true orders 3, 2, 1 for {own['true orders']} of {own['trials']} triads. If",
+        "the orders are too low, χ²/ν is much larger: "
+        + ", ".join(f"{ratio:.3g} ({orders})" for orders, ratio in own["orders too low"].items())
         + ".",
         "",
-        "Change of the bias since 25 °C at temperatures that no soak has:",
+        "The next table is about the change of the bias from 25 °C to temperatures without a soak.",
         "",
         "| °C | rms of the error, mg | rms of u, mg |",
         "|---|---|---|",
@@ -107,13 +108,13 @@ def page(stored: Stored) -> str:
         lines.append(f"| {celsius:g} | {rms / MG:.3f} | {u / MG:.3f} |".replace("-", "−"))
     lines += [
         "",
-        f"Of all these changes {own['covered']:.3f} are within 2 u.",
+        f"The error is within 2 u in {100 * own['covered']:.1f} % of all these changes.",
         "",
         "## Ramps at rest",
         "",
-        f"{runs} gyros on each profile, −10 to 60 °C (self-heating: 15 to 57 °C); a temperature",
-        "sensor that is 20 s behind and has .01 K of noise a second. Errors of b(T) − b(25 °C)",
-        "from 0 to 50 °C, where the profile was.",
+        f"Each profile has {runs} gyros and goes from −10 to 60 °C (self-heating: 15 to 57 °C).",
+        "The temperature sensor lags by 20 s and has a noise of .01 K in each sample (1 Hz).",
+        "The errors are those of b(T) − b(25 °C) from 0 to 50 °C, as far as the profile reaches.",
         "",
         "| profile | rms of the error, °/h | within 2 u | NEES / 3 | lag found, s |",
         "|---|---|---|---|---|",
@@ -125,8 +126,9 @@ def page(stored: Stored) -> str:
         )
     lines += [
         "",
-        "One way the noise of the temperature sensor pulls the lag towards zero; its scatter is",
-        "that over the gyros. NEES is of the three terms of temperature.",
+        "On a one-way ramp, the noise of the temperature sensor makes the estimated lag too small.",
+        "The number behind ± is the scatter of the lag over the gyros. NEES is that of the three",
+        "temperature terms.",
         "",
     ]
     return "\n".join(lines)

@@ -41,13 +41,14 @@ RATES = (50.0, 100.0, 200.0)  # Hz
 # White noise of gyros, °/√h, and of accelerometers, µg/√Hz; bias instability, °/h and µg
 GRADES = {"good": (0.02, 20.0, 0.1, 5.0), "tactical": (0.1, 60.0, 0.5, 15.0)}
 _PAGE = """\
-# Turntable: devices of which all is as stated
+# Turntable: devices that are as stated
 
-Written by `make evidence`; do not edit. Random paths, gyros of .02 and .1 °/√h, 50 to 200 Hz, each
-device through its files. NEES is the mean of (error)ᵀ covariance⁻¹ (error) over the number of
-coefficients, with three standard deviations of chance. Uniform p: the test of Kolmogorov and
-Smirnov of the p-values of χ², and of that of each filter. False alarms: verdicts that are not
-"consistent".
+Written by `make evidence`; do not edit. The devices follow random paths, have gyros of .02 and .1
+°/√h, and are sampled at 50 to 200 Hz. Each device is calibrated through its files. NEES is the mean
+of (error)ᵀ covariance⁻¹ (error) over the number of coefficients. The column "chance" is three
+standard deviations of its scatter by chance. "Uniform p" is the p-value of a Kolmogorov–Smirnov
+test of whether the p-values of χ² are uniformly distributed. For filters, the p-values of each
+filter are tested too. False alarms are verdicts other than "consistent".
 
 {table}
 

@@ -53,12 +53,13 @@ FLICKER = {
 SIMULATED = "simulated without the host"
 PARAMETERS = 24
 _PAGE = """\
-# Turntable: errors against what is stated
+# Turntable: actual errors and stated uncertainties
 
 Written by `make evidence`; do not edit. NEES is the mean of (error)ᵀ covariance⁻¹ (error) over the
-number of coefficients, 1 where uncertainties are as large as errors; three standard deviations of
-chance are beside it. Flicker: devices of a generator that knows nothing of inercal, `full` filters
-of `turntable_kalman`. "{simulated}": the demonstration's run by `inercal simulate` and
+number of coefficients; 1 is expected. The column "chance" is three standard deviations of its
+scatter by chance. In the first four rows, the biases have flicker noise. A generator that is
+independent of inercal made these devices, and the `full` filters of `turntable_kalman` calibrated
+them. The row "{simulated}" is the run of the demonstration, made with `inercal simulate` and
 `inercal calibrate`.
 
 {table}

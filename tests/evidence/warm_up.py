@@ -42,14 +42,15 @@ NAMES = ("warm-up drift", "short-term stability", "warm-up time constant", "warm
 _PAGE = """\
 # Warm-up drift and short-term stability
 
-Written by `make evidence`; do not edit. Accelerometers that were just switched on are made by a
-generator that knows nothing of inercal (`tests/evidence/warm_up_devices.py`). Each is read once a
-minute, {readings} times, at 0° of a dividing head, before a tumble test. "Bias" is the mean error
-divided by the mean u, "coverage" is the share of devices whose 95 % interval contains the true
-value, and "reported" is the share of devices in which the effect is called detected, or a time is
-stated. With 600 devices, 91.8 to 97.7 % of coverage is the 99.9 % band of a true 95 %. The first
-rows contain no effect; what is reported there is a false alarm. The warm-up time is the time after
-which the reading stays within {band:g} µg of the last one.
+Written by `make evidence`; do not edit. A generator that is independent of inercal
+(`tests/evidence/warm_up_devices.py`) made accelerometers that were just switched on. Each
+accelerometer is read once a minute, {readings} times, at 0° of a dividing head, before a tumble
+test. "Bias" is the mean error divided by the mean u. "Coverage" is the share of devices whose 95 %
+interval contains the true value. "Reported" is the share of devices in which the effect is called
+detected, or for which a time is stated. If the true coverage is 95 %, the coverage counted in 600
+devices is between 91.8 and 97.7 % with a probability of 99.9 %. The devices in the first rows have
+no effect, so each effect that is reported there is a false alarm. The warm-up time is the time
+after which the reading stays within {band:g} µg of the last reading.
 
 | size | effect | true value | mean u | bias / u | coverage, % | reported, % |
 |---|---|--:|--:|--:|--:|--:|
