@@ -47,8 +47,8 @@ Written by `make evidence`; do not edit. The devices follow random paths, have g
 °/√h, and are sampled at 50 to 200 Hz. Each device is calibrated through its files. NEES is the mean
 of (error)ᵀ covariance⁻¹ (error) over the number of coefficients. The column "chance" is three
 standard deviations of the scatter of NEES by chance. "Uniform p" is the p-value of a
-Kolmogorov–Smirnov test of whether the p-values of χ² are uniformly distributed. For filters, the p-values of each
-filter are tested too. False alarms are verdicts other than "consistent".
+Kolmogorov–Smirnov test of whether the p-values of χ² are uniformly distributed. For filters, the
+p-values of each filter are tested too. False alarms are verdicts other than "consistent".
 
 {table}
 

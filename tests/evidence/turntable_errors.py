@@ -58,9 +58,9 @@ _PAGE = """\
 Written by `make evidence`; do not edit. NEES is the mean of (error)ᵀ covariance⁻¹ (error) over the
 number of coefficients; 1 is expected. The column "chance" is three standard deviations of the
 scatter of NEES by chance. In the first four rows, the biases have flicker noise. A generator that
-is independent of inercal made these devices, and the `full` filters of `turntable_kalman` calibrated
-them. The row "{simulated}" is the run of the demonstration, made with `inercal simulate` and
-`inercal calibrate`.
+is independent of inercal made these devices, and the `full` filters of `turntable_kalman`
+calibrated them. The row "{simulated}" is the run of the demonstration, made with `inercal simulate`
+and `inercal calibrate`.
 
 {table}
 
