@@ -29,7 +29,8 @@ LIMITS = {
         f"{isolation._BASE >> 20} MiB of memory plus {isolation._BYTES_PER_VALUE} bytes",
         f"up to {isolation._BYTES_PER_VALUE * isolation.MOST_VALUES / GB:g} GB",
         f"{isolation._SECONDS:g} s of processor time plus {isolation._SECONDS_PER_BYTE * 1e6:g} s",
-        f"{audit._SMALLEST:g} K, six usual changes and {audit._FASTEST:g} K/s",
+        f"{audit._SMALLEST:g} K, or six times the usual change if that is larger, plus "
+        f"{audit._FASTEST:g} K for each second",
         f"rested for less than {stationary_states._LEAST_REST:g} s",
         "fewer than three whole turns",
     ],
