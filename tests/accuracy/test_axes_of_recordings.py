@@ -177,7 +177,7 @@ def write(path: Path, time: Array, data: Array, names: str = "u,F1,F2,F3,R1,R2,R
     ("mistake", "column"), [("gz", "R3 is reversed"), ("az", "F3 is reversed")]
 )
 def test_a_draft_says_why_columns_are_no_gyros(tmp_path: Path, mistake: str, column: str):
-    time, data, _ = held(6)
+    time, data, _ = held(6, rate_hz=50.0, positions=16)
     force, rate, _ = MISTAKES[mistake]
     write(tmp_path / "log.csv", time, changed(data, force, rate))
     draft = draft_run_file([tmp_path / "log.csv"], tmp_path / "run.toml")
@@ -193,11 +193,11 @@ def test_a_draft_says_that_a_gyro_is_missing(tmp_path: Path):
 
 
 def test_a_draft_names_rows_without_numbers(tmp_path: Path):
-    time, data, _ = held(6)
-    data[2998:3001, 1] = np.nan
+    time, data, _ = held(6, rate_hz=50.0, positions=16)
+    data[1498:1501, 1] = np.nan
     log = tmp_path / "log.csv"
     write(log, time, data)
-    with refused(InputError, line=3000, names=("F2",), key="data.nonfinite"):
+    with refused(InputError, line=1500, names=("F2",), key="data.nonfinite"):
         draft_run_file([log], tmp_path / "run.toml")
     draft = draft_run_file([log], tmp_path / "run.toml", {"data.nonfinite": "drop"})
     assert draft.roles.triads["accelerometer"] == ("F1", "F2", "F3")

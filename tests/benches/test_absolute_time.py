@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.base_seeds import evidence, slow
 from tests.benches.generated_runs import kind_for, simulate_run, write_run
 from tests.noise.generator import MEMS, draw
 from tests.reports import report_file
@@ -72,7 +73,11 @@ def check_every_clock(ns: NDArray[np.int64], find: Callable[[str, Stamps], Found
 @pytest.mark.parametrize(
     "method",
     [
-        pytest.param(name, marks=pytest.mark.slow if kind_for(name).sampled else ())
+        evidence(name)
+        if name in ("turntable_trajectory", "systematic")
+        else slow(name)
+        if kind_for(name).sampled
+        else name
         for name in METHODS
     ],
 )

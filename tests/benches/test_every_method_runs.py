@@ -33,7 +33,7 @@ from inercal.runfile import read
 
 OWN = "tilt_means"
 METHOD = pytest.mark.parametrize("method", [*METHODS, OWN])
-DEVICES, FOLLOWED = 4, 2  # the latter where every sample is followed
+DEVICES = 2
 FITTED = pytest.mark.parametrize(
     "method",
     [
@@ -53,8 +53,7 @@ def known(tmp_path: Path) -> Iterator[None]:
 @FITTED
 def test_errors_of_simulated_sensors_are_as_stated_and_reported(method: str, tmp_path: Path):
     path = write_run(method, tmp_path)
-    seeds = range(FOLLOWED if kind_for(method).sampled else DEVICES)
-    found = [calibrate_run(simulate_run(path, seed)) for seed in seeds]
+    found = [calibrate_run(simulate_run(path, seed)) for seed in range(DEVICES)]
     dof = sum(len(one.calibration.values) for one, _ in found)
     low, high = (float(chdtri(dof, q)) / dof for q in (0.9995, 0.0005))
     assert low < np.mean([nees for _, nees in found]) < high
@@ -72,7 +71,7 @@ def test_the_budget_of_a_plan_is_what_its_estimator_states(method: str, tmp_path
         with pytest.raises(InputError):
             experiment_from_run(run)
         return
-    found = budget(experiment_from_run(run), trials=16)
+    found = budget(experiment_from_run(run), trials=2)
     np.testing.assert_allclose(found.total.first_order, found.stated, rtol=0.25)
 
 

@@ -187,7 +187,7 @@ def test_no_label_of_a_scale_is_cut(own_page: Page, scripted: ScriptedServer):
                 || down < 0 || down > this.canvas.height)) window.cut.push([text, left, wide]);
             return fill.call(this, text, x, y, ...more); };"""
     )
-    for width in (1366, 768, 400):
+    for width in (1366, 400):
         page.set_viewport_size({"width": width, "height": 900})
         open_running_page(page, scripted)
         tiny = messages.samples(100, 101)

@@ -52,7 +52,7 @@ VERBS = (
     ("calibrate", "run.toml", "--no-report", "--json"),
     ("report", "run.toml"),
     ("plan", "dual-orthogonal", "--run", "head.toml"),
-    ("reproduce", "centrifuge", "--trials", "20"),
+    ("reproduce", "centrifuge", "--trials", "2"),
     ("budget", "run.toml", "--trials", "2"),
     ("simulate", "run.toml", "--force"),
     ("apply", "run.calibration.json", "run.toml", "--out", "corrected.csv", "--force"),
@@ -81,11 +81,10 @@ ENCODINGS = {
     "C": {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
 }
 OUTPUTS = ("> /dev/full", "cp1252", "| head -1", "ascii", ">&-", "C", "<&-", "2>&-", "2> /dev/full")
-# One verb with each output, and each verb with one.
+# Each verb with one output; the verbs are more than the outputs.
 PAIRS = chosen(
     product(VERBS, OUTPUTS),
-    [(VERBS[0], output) for output in OUTPUTS]
-    + [(verb, OUTPUTS[k % len(OUTPUTS)]) for k, verb in enumerate(VERBS)],
+    [(verb, OUTPUTS[k % len(OUTPUTS)]) for k, verb in enumerate(VERBS)],
 )
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence, slow
 from tests.log_corpus.cases import CASES, Case, gravities
 from tests.log_corpus.judge import Judgement, judge
 from tests.log_corpus.motion import Motion, by_hand
@@ -20,7 +21,7 @@ from inercal.pipeline.drafts import draft_run_file
 
 NAMES = tuple(CASES)
 GRAVITIES = dict(zip(NAMES, gravities(len(NAMES)).tolist(), strict=True))
-FEW = NAMES[3::8]
+FEW = NAMES[3::16]
 FIRST_SEED = 2000
 
 
@@ -50,9 +51,11 @@ def test_a_log_is_calibrated_at_the_first_try(name: str, tmp_path: Path):
     assert max(map(abs, found.errors.values())) < 5
 
 
-@pytest.mark.slow
-def test_all_logs_are_calibrated_at_the_first_try_and_u_is_right(tmp_path: Path):
-    found = {name: judged(name, tmp_path) for name in NAMES}
+@pytest.mark.parametrize("names", [slow(NAMES[1::4]), evidence(NAMES)], ids=["a quarter", "all"])
+def test_logs_are_calibrated_at_the_first_try_and_u_is_right(
+    names: tuple[str, ...], tmp_path: Path
+):
+    found = {name: judged(name, tmp_path) for name in names}
     wrong = {name: one for name, one in found.items() if one.wrong_columns or one.wrong_units}
     assert not wrong
     failed = {name: one for name, one in found.items() if one.refusal or one.asked}

@@ -56,7 +56,7 @@ def test_a_sample_is_covered(sensor: str, law: str):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "case",
-    [one if k % 5 == 0 else evidence(one) for k, one in enumerate(CASES)],
+    [one if k % 10 == 0 else evidence(one) for k, one in enumerate(CASES)],
     ids=lambda case: " ".join(case),
 )
 def test_a_larger_sample_agrees_with_what_is_stored(case: Case):

@@ -143,6 +143,7 @@ def test_the_limitations_page_has_the_figures_of_the_cases():
     np.testing.assert_allclose(*figures, rtol=0.06)
 
 
+@pytest.mark.slow
 def test_each_unobservable_cause_has_a_key_to_account_for_it():
     for name in CASES:
         for one in unobservable_causes.hidden_causes(name):
