@@ -18,7 +18,7 @@ from tests.accuracy.ferraris import (
     mems,
 )
 from tests.accuracy.test_generated_recordings import calibrated, session
-from tests.base_seeds import SEEDS
+from tests.base_seeds import SEEDS, chosen
 from tests.refusals import refused
 
 from inercal.basics.errors import InputError
@@ -143,7 +143,10 @@ def test_gyros_that_read_none_of_the_moves_say_nothing():
     assert judged(time, data, rests).agree is None
 
 
-@pytest.mark.parametrize("mistake", [*MISTAKES, "left-handed"])
+@pytest.mark.parametrize(
+    "mistake",
+    chosen([*MISTAKES, "left-handed"], ["gz", "accelerometers exchanged", "°/s", "left-handed"]),
+)
 def test_found_sections_with_a_mistake_are_refused(tmp_path: Path, mistake: str):
     made = session(54, hold_seconds=5.0)[1]
     force, rate, changes = MISTAKES.get(mistake, (EXCHANGED, EXCHANGED, None))

@@ -109,6 +109,7 @@ def test_xsens_result_asks_for_the_sensitivity_to_acceleration(xsens: Outcome):
     assert any('also = ["g"]' in line for line in xsens.verdict.lines)
 
 
+@pytest.mark.slow
 def test_xsens_adds_the_sensitivity_to_acceleration_by_itself(
     xsens: Outcome, xsens_with_g: Outcome, folder: Path
 ):

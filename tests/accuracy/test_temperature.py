@@ -15,7 +15,7 @@ from scipy.special import chdtri
 from tests.accuracy import ferraris, handheld, turntable
 from tests.accuracy import temperature as thermal
 from tests.accuracy.inercal_inputs import make_bench, make_hold
-from tests.base_seeds import SEEDS, evidence, sampled
+from tests.base_seeds import SEEDS, evidence, sampled, slow
 from tests.methods import turntable_cases
 
 from inercal.basics.units import Measured
@@ -98,7 +98,7 @@ def test_six_positions_from_means_find_bias_and_scale_against_temperature(
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("soaked", [True, False], ids=["soaks", "ramp"])
+@pytest.mark.parametrize("soaked", [True, slow(False)], ids=["soaks", "ramp"])
 def test_six_positions_of_a_recording_find_the_same(seed: int, soaked: bool):
     rng = np.random.default_rng([seed, 7])
     faces = {

@@ -17,6 +17,8 @@ from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import RunRequest, changed_run_file
 from inercal.runfile import read
 
+pytestmark = pytest.mark.slow
+
 DEMO = Path(str(files("inercal").joinpath("demo.toml")))
 
 

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import pytest
 from playwright.sync_api import Page, expect
+from tests.base_seeds import slow
 from tests.browser import messages
 from tests.browser.page_actions import open_page, open_running_page, take_control
 from tests.browser.scripted_server import ScriptedServer
@@ -87,7 +88,9 @@ def require_whole(page: Page, name: str, size: Any) -> None:
     expect(page.locator("#stop")).to_be_in_viewport(ratio=1)
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name", [slow(one) if one in ("finished", "manual") else one for one in SCENES]
+)
 def test_laptop_and_phone_cut_nothing_off_and_show_what_each_has_room_for(
     page: Page, scripted: ScriptedServer, name: str
 ):

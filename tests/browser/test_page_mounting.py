@@ -9,6 +9,8 @@ from tests.browser import messages
 from tests.browser.page_actions import open_page, take_control
 from tests.browser.scripted_server import ScriptedServer
 
+pytestmark = pytest.mark.slow
+
 REQUEST = {
     "number": 3,
     "mounting": "YX30",

@@ -10,6 +10,8 @@ from inercal.pipeline import calibrate
 from inercal.report import write_report
 from inercal.runfile import read
 
+pytestmark = pytest.mark.slow
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "six_position" / "run.toml"
 _EDGES = """rows => rows.map(row => {
   const table = row.closest(".scroll").getBoundingClientRect();

@@ -7,10 +7,10 @@ import subprocess
 import sys
 from itertools import product
 from pathlib import Path
-from subprocess import PIPE
 
 import pytest
 from tests.base_seeds import chosen, evidence
+from tests.program import run_program
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 from inercal.calibration.files import load
@@ -23,12 +23,13 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = run_file(
         tmp_path_factory.mktemp("run"), SIX_POSITIONS, ("triad 3", "triad \\u001b[2J µ√")
     )
+    result, register = path.with_name("run.calibration.json"), path.with_name("register.db")
     for arguments in (
-        ("simulate", "run.toml"),
-        ("calibrate", "run.toml", "--no-report"),
-        ("store", "import", "run.calibration.json", "--register", "register.db"),
+        ("simulate", path),
+        ("calibrate", path, "--out", path.parent, "--no-report"),
+        ("store", "import", result, "--register", register),
     ):
-        subprocess.run([*START, *arguments], cwd=path.parent, check=True, stdout=PIPE)
+        assert run_program(*arguments).status == 0
     head = Path(__file__).parents[2] / "examples" / "dividing_head" / "pair.toml"
     shutil.copy(head, path.with_name("head.toml"))
     return path

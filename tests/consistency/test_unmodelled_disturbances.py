@@ -15,7 +15,7 @@ from tests.accuracy.ferraris import (
     record,
 )
 from tests.accuracy.inercal_inputs import make_bench, make_observations, true_coefficients
-from tests.base_seeds import evidence
+from tests.base_seeds import evidence, slow
 
 from inercal.estimation import Estimate
 from inercal.methods import METHODS
@@ -66,7 +66,7 @@ def rejected(device: Imu, hands: Handling) -> float:
     ("changes", "hands"),
     [
         ({"colour_g": 0.03 * DEGREE}, HANDS),
-        ({"drift_g": np.full(3, 1e-3 * DEGREE)}, HANDS),
+        slow({"drift_g": np.full(3, 1e-3 * DEGREE)}, HANDS),
         ({"colour_a": 200e-6 * 9.81}, PRECISE),
     ],
     ids=["gyro wanders", "gyro drifts", "accelerometer wanders"],

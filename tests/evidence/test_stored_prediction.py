@@ -31,6 +31,7 @@ def test_the_page_is_that_of_the_counts():
     assert prediction.PAGE.read_text(encoding="utf-8") == prediction.page(FOUND)
 
 
+@pytest.mark.slow
 def test_a_small_sample_of_devices_is_covered_again():
     found = [prediction.covered(method, 1, k) for method in SAMPLE for k in range(6)]
     shares = np.array([one for one in found if one is not None]).mean(axis=1)

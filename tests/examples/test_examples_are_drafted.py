@@ -123,7 +123,13 @@ OTHERS = [
 ]  # fmt: skip
 """Files that are no recordings of an IMU and no tables of its readings."""
 
-_SLOW = {"imu.csv", "arm_run.csv", "soaks.npz", "rate_platform/imu.csv"}
+# Each fast case is the only one of its method and form of the data.
+_SLOW = {
+    "logs/ardupilot.bin", "logs/px4.ulg", "logs/poses", "certificate/positions.csv",
+    "check_standard/job.csv", "repeat/session_1.csv", "qualify/tumble.csv", "prior/QA_21.csv",
+    "prior/pair.csv", "single_axis/record_player.csv", "measure/readings.txt", "imu.csv",
+    "arm_run.csv", "soaks.npz", "rate_platform/imu.csv", "mimu_packets.csv table.csv",
+}  # fmt: skip
 _LIKE = ("fleet/recordings/A", "repeat/session_", "prior/", "logs/poses/", "arduino/")
 """Beginnings of the names of files of which one, or all together, is an example."""
 
