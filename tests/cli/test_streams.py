@@ -113,11 +113,15 @@ def test_each_verb_ends_well_whatever_its_output_is(run: Path, arguments: tuple[
         load(calibration)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence  # its sample: a calibration that survives a full disk
 @pytest.mark.parametrize(
     ("redirection", "status", "encoding"),
-    [("> /dev/full", 2, "utf-8")]
-    + [evidence(*one) for one in (("| head -1", 0, "utf-8"), ("", 0, "ascii"), ("", 0, "cp1252"))],
+    [
+        ("> /dev/full", 2, "utf-8"),
+        ("| head -1", 0, "utf-8"),
+        ("", 0, "ascii"),
+        ("", 0, "cp1252"),
+    ],
 )
 def test_a_run_on_a_bench_is_finished_whatever_its_output_is(
     run: Path, tmp_path: Path, redirection: str, status: int, encoding: str

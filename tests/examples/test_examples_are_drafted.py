@@ -123,7 +123,7 @@ OTHERS = [
 ]  # fmt: skip
 """Files that are no recordings of an IMU and no tables of its readings."""
 
-# Each fast case is the only one of its method and form of the data.
+# Cases that take long, and those of a method and a form of data that a fast case has too.
 _SLOW = {
     "logs/ardupilot.bin", "logs/px4.ulg", "logs/poses", "certificate/positions.csv",
     "check_standard/job.csv", "repeat/session_1.csv", "qualify/tumble.csv", "prior/QA_21.csv",
