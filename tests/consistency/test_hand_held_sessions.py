@@ -135,7 +135,7 @@ def test_many_sessions_err_as_stated(seed: int, sessions: int, estimator: str):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "sessions"), sampled(30, 300))
+@pytest.mark.parametrize(("seed", "sessions"), sampled(60, 300))
 def test_sessions_of_a_trembling_hand_err_as_stated(seed: int, sessions: int):
     """With the wobble taken as noise, the stated deviations were more than twice too large."""
     judged = judge(seed, TREMBLING, "joint", sessions)
