@@ -30,10 +30,12 @@ from inercal.runfile import read
 START = 1_700_000_000_123_000_000  # ns since 1970
 UNITS = {"ms": 10**6, "us": 10**3, "ns": 1}
 SAME, NEAR = 1e-9, 1e-2  # u
+RARE = (
+    "turntable_trajectory", "systematic", "dual_orthogonal", "tumble", "ship_planar",
+)  # fmt: skip
 # A method of each way from samples to observations.
 FAST = (
-    "six_position", "ferraris", "multi_position", "centrifuge_norm", "rates_and_poses",
-    "ship_multi_angle", "temperature_ramp",
+    "six_position", "ferraris", "multi_position", "centrifuge_norm", "temperature_ramp",
 )  # fmt: skip
 
 Stamps = NDArray[np.int64] | Array
@@ -77,14 +79,7 @@ def check_every_clock(ns: NDArray[np.int64], find: Callable[[str, Stamps], Found
 
 @pytest.mark.parametrize(
     "method",
-    [
-        evidence(name)
-        if name in ("turntable_trajectory", "systematic")
-        else name
-        if name in FAST
-        else slow(name)
-        for name in METHODS
-    ],
+    [evidence(name) if name in RARE else name if name in FAST else slow(name) for name in METHODS],
 )
 def test_a_calibration_does_not_depend_on_where_the_clock_begins(method: str, tmp_path: Path):
     path = write_run(method, tmp_path)

@@ -13,6 +13,8 @@ from tests.browser import messages
 from tests.browser.page_actions import choose_plan, open_page, tab_to, take_control
 from tests.browser.scripted_server import ScriptedServer
 
+pytestmark = pytest.mark.slow
+
 AXES = ("outer", "middle", "inner")
 LIMITS = {"rate": 30.0, "low": -100.0, "high": 100.0}
 LAMPS = {"servo": True, "homed": True, "in_position": True, "moving": False, "low": False}

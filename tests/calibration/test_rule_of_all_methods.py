@@ -38,8 +38,7 @@ LEVEL, MOST_SHIFT, LEAST_FACTOR = 0.01, 1.0, 1.3
 MOST_SCATTER, MOST_SCATTER_OF_RESTS = 2.0, 3.0  # times as stated; as measured within rests
 FACTORS = (1.0, 1.5, 2.5, 5.0, 1 / 1.5, 1 / 3)
 TABLE_FACTORS = [
-    one if one in (2.5, 1 / 3) else slow(one) if one in (1.0, 1 / 1.5) else evidence(one)
-    for one in FACTORS
+    one if one in (2.5, 1 / 3) else slow(one) if one == 1.0 else evidence(one) for one in FACTORS
 ]
 TABLES = [
     name

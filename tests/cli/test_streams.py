@@ -53,7 +53,7 @@ VERBS = (
     ("calibrate", "run.toml", "--no-report", "--json"),
     ("report", "run.toml"),
     ("plan", "dual-orthogonal", "--run", "head.toml"),
-    ("reproduce", "centrifuge", "--trials", "2"),
+    ("reproduce", "centrifuge", "--trials", "20"),
     ("budget", "run.toml", "--trials", "2"),
     ("simulate", "run.toml", "--force"),
     ("apply", "run.calibration.json", "run.toml", "--out", "corrected.csv", "--force"),

@@ -67,7 +67,7 @@ def rejected(device: Imu, hands: Handling) -> float:
     [
         ({"colour_g": 0.03 * DEGREE}, HANDS),
         slow({"drift_g": np.full(3, 1e-3 * DEGREE)}, HANDS),
-        ({"colour_a": 200e-6 * 9.81}, PRECISE),
+        slow({"colour_a": 200e-6 * 9.81}, PRECISE),
     ],
     ids=["gyro wanders", "gyro drifts", "accelerometer wanders"],
 )

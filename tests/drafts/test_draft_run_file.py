@@ -101,6 +101,7 @@ SHARED = {
         },
     ),
 }
+FAST = ("xsens", "ferraris, counts", "centrifuge table")
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +111,7 @@ def xsens(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Draft:
     return draft_run_file(logs, tmp_path_factory.mktemp("xsens") / "run.toml")
 
 
-@pytest.mark.parametrize("case", [slow(c) if c == "mpu9150" else c for c in SHARED])
+@pytest.mark.parametrize("case", [c if c in FAST else slow(c) for c in SHARED])
 def test_shared_recordings_need_one_answer_at_most(
     case: str, data_dir: Path, tmp_path: Path, xsens: Draft
 ):

@@ -125,7 +125,8 @@ OTHERS = [
 
 # Cases that take long, and those of a method and a form of data that a fast case has too.
 _SLOW = {
-    "logs/ardupilot.bin", "logs/px4.ulg", "logs/poses", "certificate/positions.csv",
+    "hand_held.csv", "certificate/positions.csv",
+    "logs/ardupilot.bin", "logs/px4.ulg", "logs/poses",
     "check_standard/job.csv", "repeat/session_1.csv", "qualify/tumble.csv", "prior/QA_21.csv",
     "prior/pair.csv", "single_axis/record_player.csv", "measure/readings.txt", "imu.csv",
     "arm_run.csv", "soaks.npz", "rate_platform/imu.csv", "mimu_packets.csv table.csv",

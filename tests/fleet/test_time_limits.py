@@ -102,6 +102,7 @@ def test_a_sensor_that_hangs_is_named_and_the_others_are_done(tmp_path: Path, ba
     assert calibrated(folder, {}, retry_failed=True).done == 1
 
 
+@pytest.mark.slow
 def test_a_slow_sensor_that_comes_first_is_judged_when_the_others_are_known(tmp_path: Path):
     folder = make_line(tmp_path / "a", 5)
     assert calibrated(folder, {"S000": 100.0}).done == 4  # the others take milliseconds

@@ -20,7 +20,7 @@ def test_a_mutated_recording_is_read_or_refused_by_one_line(name: str, tmp_path:
 @pytest.mark.parametrize(
     "count",
     [
-        pytest.param(20, marks=pytest.mark.slow),
+        pytest.param(12, marks=pytest.mark.slow),
         pytest.param(1430, marks=pytest.mark.evidence),  # 20 020 of all formats
     ],
 )
