@@ -28,7 +28,7 @@ _SLOW = {
     "six_position/archive", "systematic/imu",
     "temperature/soaks", "turntable/filter_keys", "turntable/mimu", "turntable/two_clocks",
 }  # fmt: skip
-# Like others, and calibrated by the record of numbers too.
+# Like others; tests of recordings or the record of all numbers calibrate these too.
 _RARE = {
     "centrifuge/printed", "hand_held/mpu9150", "hand_held/xsens", "rate_platform/imu",
     "rate_platform/small_rates", "six_position/archive", "turntable/filter_keys",
