@@ -140,7 +140,7 @@ def test_a_compressed_recording_is_calibrated_within_the_limit_that_its_run_file
         calibrate(path)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence  # `inercal demo` carries out a like plan in make slow
 def test_the_plan_of_the_bench_is_carried_out_on_a_simulated_one(examples: Path, tmp_path: Path):
     run = read(examples / "bench" / "plan.toml")
     with BenchSimulator(run.path, seed=1) as bench:
