@@ -12,6 +12,11 @@ def evidence(*values: Any) -> Any:
     return pytest.param(*values, marks=pytest.mark.evidence)
 
 
+def slow(*values: Any) -> Any:
+    """Return a case for `make slow` only."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 # Base seeds: tests take the first of three, `make evidence` the others.
 SEEDS = [1, evidence(2), evidence(3)]
 

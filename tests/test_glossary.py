@@ -4,11 +4,11 @@ import ast
 import re
 from pathlib import Path
 
-import inercal
+from tests.source_trees import source_trees
+
 from inercal.physics.glossary import find_term, glossary, glossary_markdown
 from inercal.physics.sensors.coefficient_tables import TABLES
 
-SOURCE = Path(inercal.__file__).parent
 PAGE = Path(__file__).parents[1] / "docs" / "reference" / "glossary.md"
 # Our own words for what has a name in the field: none stands in a public name.
 BANNED = frozenset(
@@ -64,13 +64,13 @@ def words(text: str) -> set[str]:
 def public_names() -> dict[str, str]:
     """Return every public class, function and method with the file that it stands in."""
     names: dict[str, str] = {}
-    for path in SOURCE.rglob("*.py"):
-        bodies = [ast.parse(path.read_text(encoding="utf-8")).body]
+    for path, tree in source_trees().items():
+        bodies = [tree.body]
         while bodies:
             for node in bodies.pop():
                 if not isinstance(node, NAMED) or node.name.startswith("_"):
                     continue
-                names[node.name] = str(path.relative_to(SOURCE))
+                names[node.name] = path
                 bodies += [node.body] if isinstance(node, ast.ClassDef) else []
     return names
 

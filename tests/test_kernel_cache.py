@@ -87,6 +87,7 @@ def test_a_read_only_installation_and_home_compile_nothing(package: Path, tmp_pa
     assert call(package, home, "0.5", locked=(package, home)) == "0 1"
 
 
+@pytest.mark.slow
 def test_a_read_only_installation_adds_to_its_kernels_in_the_users_cache(
     package: Path, tmp_path: Path
 ):
@@ -96,6 +97,7 @@ def test_a_read_only_installation_adds_to_its_kernels_in_the_users_cache(
     assert call(package, home, "0.5", locked=(package,)) == "1 0"
 
 
+@pytest.mark.slow
 def test_a_changed_source_is_compiled_again(package: Path, tmp_path: Path):
     home = tmp_path / "home"
     assert call(package, home, locked=(package,)) == "1 0"
@@ -104,6 +106,7 @@ def test_a_changed_source_is_compiled_again(package: Path, tmp_path: Path):
     assert call(package, home, locked=(package,)) == "0 1"
 
 
+@pytest.mark.slow
 def test_a_kernel_of_a_type_that_moved_is_compiled_again(tmp_path: Path):
     package, home = tmp_path / "kernels", tmp_path / "home"
     package.mkdir()

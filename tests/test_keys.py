@@ -4,14 +4,12 @@ import ast
 import pickle
 from collections.abc import Iterator
 from copy import deepcopy
-from pathlib import Path
 
 import pytest
+from tests.source_trees import source_trees
 
-import inercal
 from inercal.basics.keys import CoefficientName, ErrorName, ObservationName
 
-SOURCE = Path(inercal.__file__).parent
 # Modules, files and numbers are taken apart at their dots; no names of this project.
 OTHER_TEXT = {
     # Sections of a run file, "sensor.gyro".
@@ -95,9 +93,9 @@ def _splits(tree: ast.AST) -> Iterator[int]:
 
 def test_no_other_module_splits_keys() -> None:
     found = [
-        f"{path.relative_to(SOURCE)}:{line}"
-        for path in sorted(SOURCE.rglob("*.py"))
-        if path.relative_to(SOURCE).as_posix() not in OTHER_TEXT
-        for line in _splits(ast.parse(path.read_text()))
+        f"{path}:{line}"
+        for path, tree in source_trees().items()
+        if path not in OTHER_TEXT
+        for line in _splits(tree)
     ]
     assert found == []

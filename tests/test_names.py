@@ -2,18 +2,15 @@
 
 import ast
 from collections import Counter
-from pathlib import Path
 
-import inercal
-
-SOURCE = Path(inercal.__file__).parent
+from tests.source_trees import source_trees
 
 
 def test_no_two_public_classes_share_a_name():
     names = Counter(
         node.name
-        for path in SOURCE.rglob("*.py")
-        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        for tree in source_trees().values()
+        for node in tree.body
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
     )
     assert sum(names.values()) > 300

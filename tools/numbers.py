@@ -75,7 +75,7 @@ def numbers_of(arguments: tuple[str, ...], folder: Path) -> Any:
     if arguments[0] == "calibrate":
         # Refused where the recording is there already, or where the run file does not simulate.
         _program(("simulate", arguments[1]), folder)
-        arguments += ("--out", f"{RESULTS}/{arguments[1].removesuffix('.toml')}")
+        arguments += ("--out", f"{RESULTS}/{arguments[1].removesuffix('.toml')}", "--no-report")
     text = _program(arguments, folder)
     try:
         return _without_texts(json.loads(text))
@@ -102,7 +102,7 @@ def _without_texts(value: Any) -> Any:
 def all_numbers() -> dict[str, Any]:
     """Run every command, two at a time, and return the numbers by command."""
     with TemporaryDirectory() as name:
-        folder = _copy_of_examples(Path(name))
+        folder = copy_examples(Path(name))
         found: dict[str, Any] = {}
         for commands in ([("calibrate", one, "--json") for one in run_files(folder)], COMMANDS):
             with ThreadPoolExecutor(2) as pool:
@@ -111,7 +111,7 @@ def all_numbers() -> dict[str, Any]:
         return {name: one for name, one in found.items() if one is not None}
 
 
-def _copy_of_examples(to: Path) -> Path:
+def copy_examples(to: Path) -> Path:
     """Copy the examples without what their user has made there, where git knows it."""
     listed = subprocess.run(
         ("git", "ls-files", "-z", "examples"), cwd=ROOT, capture_output=True, text=True, check=False

@@ -18,7 +18,7 @@ from tests.accuracy.ferraris import (
     mems,
 )
 from tests.accuracy.test_generated_recordings import calibrated, session
-from tests.base_seeds import SEEDS
+from tests.base_seeds import SEEDS, chosen
 from tests.refusals import refused
 
 from inercal.basics.errors import InputError
@@ -143,7 +143,10 @@ def test_gyros_that_read_none_of_the_moves_say_nothing():
     assert judged(time, data, rests).agree is None
 
 
-@pytest.mark.parametrize("mistake", [*MISTAKES, "left-handed"])
+@pytest.mark.parametrize(
+    "mistake",
+    chosen([*MISTAKES, "left-handed"], ["gz", "accelerometers exchanged", "°/s", "left-handed"]),
+)
 def test_found_sections_with_a_mistake_are_refused(tmp_path: Path, mistake: str):
     made = session(54, hold_seconds=5.0)[1]
     force, rate, changes = MISTAKES.get(mistake, (EXCHANGED, EXCHANGED, None))
@@ -177,7 +180,7 @@ def write(path: Path, time: Array, data: Array, names: str = "u,F1,F2,F3,R1,R2,R
     ("mistake", "column"), [("gz", "R3 is reversed"), ("az", "F3 is reversed")]
 )
 def test_a_draft_says_why_columns_are_no_gyros(tmp_path: Path, mistake: str, column: str):
-    time, data, _ = held(6)
+    time, data, _ = held(6, rate_hz=50.0, positions=16)
     force, rate, _ = MISTAKES[mistake]
     write(tmp_path / "log.csv", time, changed(data, force, rate))
     draft = draft_run_file([tmp_path / "log.csv"], tmp_path / "run.toml")
@@ -193,11 +196,11 @@ def test_a_draft_says_that_a_gyro_is_missing(tmp_path: Path):
 
 
 def test_a_draft_names_rows_without_numbers(tmp_path: Path):
-    time, data, _ = held(6)
-    data[2998:3001, 1] = np.nan
+    time, data, _ = held(6, rate_hz=50.0, positions=16)
+    data[1498:1501, 1] = np.nan
     log = tmp_path / "log.csv"
     write(log, time, data)
-    with refused(InputError, line=3000, names=("F2",), key="data.nonfinite"):
+    with refused(InputError, line=1500, names=("F2",), key="data.nonfinite"):
         draft_run_file([log], tmp_path / "run.toml")
     draft = draft_run_file([log], tmp_path / "run.toml", {"data.nonfinite": "drop"})
     assert draft.roles.triads["accelerometer"] == ("F1", "F2", "F3")

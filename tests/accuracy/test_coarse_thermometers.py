@@ -136,6 +136,7 @@ def test_a_term_of_the_rate_is_refused_one_way():
     assert refusal.value.names == ("gx.bias_dTdt", "gy.bias_dTdt", "gz.bias_dTdt")
 
 
+@pytest.mark.slow
 def test_truncation_is_a_common_error_of_the_temperature_unless_it_is_known():
     unknown, known = (fitted(WarmUp(), (1, 2), one) for one in (None, Environment("ramp", 1e-9)))
     at = unknown.names.index("gx.bias")

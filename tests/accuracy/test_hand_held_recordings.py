@@ -43,6 +43,17 @@ def xsens(folder: Path) -> Outcome:
     return calibrate(folder / "xsens.toml")
 
 
+@pytest.fixture(scope="module")
+def xsens_with_g(folder: Path) -> Outcome:
+    """Return the result with the sensitivity to acceleration, which is stated."""
+    return calibrate(folder / "xsens.toml", also=["g"])
+
+
+@pytest.fixture(scope="module")
+def mpu9150(folder: Path) -> Outcome:
+    return calibrate(folder / "mpu9150.toml", also="auto")
+
+
 def upper(forward: Array) -> Array:
     """Return a forward matrix in imu_tk's frame: K⁻¹ T⁻¹, upper triangular, by a rotation."""
     flipped = forward[::-1, ::-1]
@@ -88,11 +99,8 @@ def test_xsens_norms_are_gravity_over_rests_and_samples(xsens: Outcome):
     assert np.sqrt(np.mean(each**2)) <= 8.3e-3
 
 
-def test_xsens_sensitivity_to_acceleration_explains_its_gyros(folder: Path):
-    run_file = folder / "xsens_g.toml"
-    text = (folder / "xsens.toml").read_text(encoding="utf-8")
-    run_file.write_text(text + 'also = ["g"]\n', encoding="utf-8")
-    found = {group.name: group for group in calibrate(run_file).estimate.groups}
+def test_xsens_sensitivity_to_acceleration_explains_its_gyros(xsens_with_g: Outcome):
+    found = {group.name: group for group in xsens_with_g.estimate.groups}
     assert found["rotations"].p_value > 0.05
     assert found["rates"].spread.excess < 3e-4
 
@@ -101,8 +109,11 @@ def test_xsens_result_asks_for_the_sensitivity_to_acceleration(xsens: Outcome):
     assert any('also = ["g"]' in line for line in xsens.verdict.lines)
 
 
-def test_xsens_adds_the_sensitivity_to_acceleration_by_itself(xsens: Outcome, folder: Path):
-    found, stated = (calibrate(folder / "xsens.toml", also=also) for also in ("auto", ["g"]))
+@pytest.mark.slow
+def test_xsens_adds_the_sensitivity_to_acceleration_by_itself(
+    xsens: Outcome, xsens_with_g: Outcome, folder: Path
+):
+    found, stated = calibrate(folder / "xsens.toml", also="auto"), xsens_with_g
     (added,) = found.additions
     assert (added.group, len(added.coefficients)) == ("g", 9)
     assert found.verdict.grade == "reservations"
@@ -113,8 +124,8 @@ def test_xsens_adds_the_sensitivity_to_acceleration_by_itself(xsens: Outcome, fo
     np.testing.assert_array_equal(found.calibration.covariance, stated.calibration.covariance)
 
 
-def test_mpu9150_shows_no_sensitivity_to_acceleration_and_adds_none(folder: Path):
-    found, stated = (calibrate(folder / "mpu9150.toml", also=also) for also in ("auto", ["g"]))
+def test_mpu9150_shows_no_sensitivity_to_acceleration_and_adds_none(mpu9150: Outcome, folder: Path):
+    found, stated = mpu9150, calibrate(folder / "mpu9150.toml", also=["g"])
     assert found.additions == ()
     assert found.verdict.grade == "reservations"
     chi2 = [one.estimate.score_tests.chi2 for one in (found, stated)]
@@ -124,8 +135,8 @@ def test_mpu9150_shows_no_sensitivity_to_acceleration_and_adds_none(folder: Path
         assert abs(off) < min(one.calibration.uncertainty(name) for one in (found, stated)) / 2
 
 
-def test_mpu9150_accelerometers_agree_with_the_published(folder: Path):
-    outcome = calibrate(folder / "mpu9150.toml")
+def test_mpu9150_accelerometers_agree_with_the_published(mpu9150: Outcome):
+    outcome = mpu9150
     scales = np.diag(upper(forward(outcome, "a"))) / 415
     u = [outcome.calibration.uncertainty(f"a{axis}.k1") for axis in "xyz"]
     assert (np.abs(scales - [1.00363, 1.00315, 1.00647]) < 2 * np.array(u)).all()

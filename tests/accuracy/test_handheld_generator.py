@@ -181,8 +181,8 @@ def test_means_over_a_second_spread_as_stated(coloured: bool) -> None:
     sizes = {"colour_a": 3e-3, "colour_g": 2e-4} if coloured else {}
     white = {} if coloured else {"white_a": 3e-3, "white_g": 2e-4}
     imu = replace(PERFECT, **(sizes | white), colour_seconds=0.5)
-    noise = made(Session(), imu, trials=100).data - made(Session(), trials=100).data
-    means = noise[:, :10_000].reshape(100, -1, 100, 6).mean(axis=2)
+    noise = made(Session(), imu, trials=40).data - made(Session(), trials=40).data
+    means = noise[:, :10_000].reshape(40, -1, 100, 6).mean(axis=2)
     tau = 0.5
     expected = (2 * tau * (1 - tau * (1 - np.exp(-1 / tau)))) ** 0.5 if coloured else 1.0
     found = np.sqrt(np.mean(means**2, axis=(0, 1)))

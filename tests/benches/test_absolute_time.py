@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.benches.generated_runs import kind_for, simulate_run, write_run
+from tests.base_seeds import evidence, slow
+from tests.benches.generated_runs import simulate_run, write_run
 from tests.noise.generator import MEMS, draw
 from tests.reports import report_file
 
@@ -29,6 +30,13 @@ from inercal.runfile import read
 START = 1_700_000_000_123_000_000  # ns since 1970
 UNITS = {"ms": 10**6, "us": 10**3, "ns": 1}
 SAME, NEAR = 1e-9, 1e-2  # u
+RARE = (
+    "turntable_trajectory", "systematic", "dual_orthogonal", "tumble", "ship_planar",
+)  # fmt: skip
+# A method of each way from samples to observations.
+FAST = (
+    "six_position", "ferraris", "multi_position", "centrifuge_norm", "temperature_ramp",
+)  # fmt: skip
 
 Stamps = NDArray[np.int64] | Array
 
@@ -71,10 +79,7 @@ def check_every_clock(ns: NDArray[np.int64], find: Callable[[str, Stamps], Found
 
 @pytest.mark.parametrize(
     "method",
-    [
-        pytest.param(name, marks=pytest.mark.slow if kind_for(name).sampled else ())
-        for name in METHODS
-    ],
+    [evidence(name) if name in RARE else name if name in FAST else slow(name) for name in METHODS],
 )
 def test_a_calibration_does_not_depend_on_where_the_clock_begins(method: str, tmp_path: Path):
     path = write_run(method, tmp_path)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.special import chdtri
+from tests.base_seeds import evidence, slow
 from tests.benches.generated_runs import (
     calibrate_run,
     kind_for,
@@ -33,11 +34,19 @@ from inercal.runfile import read
 
 OWN = "tilt_means"
 METHOD = pytest.mark.parametrize("method", [*METHODS, OWN])
-DEVICES, FOLLOWED = 4, 2  # the latter where every sample is followed
+# The many derivatives of these budgets take seconds.
+PLANNED = pytest.mark.parametrize(
+    "method", [slow(n) if n in ("rates_and_poses", "ferraris") else n for n in (*METHODS, OWN)]
+)
+DEVICES = 2
 FITTED = pytest.mark.parametrize(
     "method",
     [
-        pytest.param(name, marks=pytest.mark.slow if kind_for(name).sampled else ())
+        evidence(name)
+        if name == "turntable_trajectory"
+        else slow(name)
+        if kind_for(name).sampled or name == "field_and_rates"
+        else name
         for name in METHODS
     ]
     + [OWN],
@@ -53,8 +62,7 @@ def known(tmp_path: Path) -> Iterator[None]:
 @FITTED
 def test_errors_of_simulated_sensors_are_as_stated_and_reported(method: str, tmp_path: Path):
     path = write_run(method, tmp_path)
-    seeds = range(FOLLOWED if kind_for(method).sampled else DEVICES)
-    found = [calibrate_run(simulate_run(path, seed)) for seed in seeds]
+    found = [calibrate_run(simulate_run(path, seed)) for seed in range(DEVICES)]
     dof = sum(len(one.calibration.values) for one, _ in found)
     low, high = (float(chdtri(dof, q)) / dof for q in (0.9995, 0.0005))
     assert low < np.mean([nees for _, nees in found]) < high
@@ -65,14 +73,14 @@ def test_errors_of_simulated_sensors_are_as_stated_and_reported(method: str, tmp
     assert "<svg" in page
 
 
-@METHOD
+@PLANNED
 def test_the_budget_of_a_plan_is_what_its_estimator_states(method: str, tmp_path: Path):
     run = simulate_run(write_run(method, tmp_path), 1)
     if run.method.unknown_attitudes or run.kind.refuses_budget(run.bench, run.steps):
         with pytest.raises(InputError):
             experiment_from_run(run)
         return
-    found = budget(experiment_from_run(run), trials=16)
+    found = budget(experiment_from_run(run), trials=2)
     np.testing.assert_allclose(found.total.first_order, found.stated, rtol=0.25)
 
 

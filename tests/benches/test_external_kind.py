@@ -132,6 +132,7 @@ def test_it_is_reported(run_file: Path, tmp_path: Path):
     assert "zero of the plate" in text
 
 
+@pytest.mark.slow
 def test_the_command_finds_it_by_its_entry_points(tmp_path: Path):
     site, work = tmp_path / "site", tmp_path / "work"
     info = site / "tilt_table-0.dist-info"

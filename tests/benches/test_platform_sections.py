@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.base_seeds import evidence
 from tests.refusals import refused
 
 from inercal.benches.rate_platform.kind import KIND
@@ -310,7 +311,7 @@ THROUGH = (*UPWARDS, *UPWARDS[-2::-1])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("noise", [0.0017 * HZ**0.5, 0.005 * HZ**0.5, 0.2])
+@pytest.mark.parametrize("noise", [0.0017 * HZ**0.5, evidence(0.005 * HZ**0.5), 0.2])
 def test_all_sections_of_a_full_plan_are_found(noise: float, seed: int):
     """With the level earth's rate, which turns against the case, and a table whose rate ripples."""
     rates = (0.0, *THROUGH, 0.0, *(-rate for rate in THROUGH), 0.0)

@@ -92,6 +92,7 @@ def test_a_qualification_of_angles_is_refused_and_one_of_gravity_is_not(tmp_path
     assert caught.value.names == ("lean",)
 
 
+@pytest.mark.slow
 def test_readings_are_the_same_and_the_recording_has_no_angles(tmp_path: Path):
     small = (("data", "rate", "20 Hz"), ("data", "file", "log.npz"), ("method", "seconds", "12 s"))
     with_angles = simulate(write(tmp_path, example("systematic/imu.toml", *small)), 1)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
+from tests.base_seeds import evidence
 from tests.browser.live_run import LiveRun
 from tests.browser.page_actions import choose_plan, confirm_start, tab_to
 from tests.host.web.pages import Served
@@ -15,6 +16,8 @@ from tests.host.web.pages import Served
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import RunRequest, changed_run_file
 from inercal.runfile import read
+
+pytestmark = pytest.mark.slow
 
 DEMO = Path(str(files("inercal").joinpath("demo.toml")))
 
@@ -67,7 +70,7 @@ def test_a_bad_value_is_said_at_its_field_and_a_good_one_goes_into_the_run(
     assert order.filter == {"epoch": "0.2 s", "table_states": "lean"}
 
 
-@pytest.mark.parametrize("width", [1366, 768, 400])
+@pytest.mark.parametrize("width", [1366, evidence(768), 400])
 def test_the_parameters_are_as_wide_as_the_page(page: Page, served: Served, width: int):
     page.set_viewport_size({"width": width, "height": 768})
     opened_form(page, served)

@@ -23,6 +23,8 @@ from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import RunRequest
 from inercal.host.web.viewers import OPERATOR_GRACE
 
+pytestmark = pytest.mark.slow
+
 SLOW = 4000  # bytes a second
 STATE_SOON = 12.0  # s of a link of 4 kB/s: the plan of 31 steps and 24 coefficients comes first
 

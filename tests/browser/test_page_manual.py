@@ -8,9 +8,12 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
+from tests.base_seeds import evidence
 from tests.browser import messages
 from tests.browser.page_actions import choose_plan, open_page, tab_to, take_control
 from tests.browser.scripted_server import ScriptedServer
+
+pytestmark = pytest.mark.slow
 
 AXES = ("outer", "middle", "inner")
 LIMITS = {"rate": 30.0, "low": -100.0, "high": 100.0}
@@ -219,7 +222,7 @@ def test_a_session_begins_after_a_question_that_names_the_table(
     assert begun["with_imu"] is False
 
 
-@pytest.mark.parametrize("width", [1366, 768, 400])
+@pytest.mark.parametrize("width", [1366, evidence(768), 400])
 def test_the_panel_fits_and_is_reached_by_keyboard(
     page: Page, scripted: ScriptedServer, width: int
 ):

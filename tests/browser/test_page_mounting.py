@@ -4,9 +4,12 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Page, expect
+from tests.base_seeds import evidence
 from tests.browser import messages
 from tests.browser.page_actions import open_page, take_control
 from tests.browser.scripted_server import ScriptedServer
+
+pytestmark = pytest.mark.slow
 
 REQUEST = {
     "number": 3,
@@ -46,7 +49,7 @@ def test_only_who_operates_confirms_a_mounting(page: Page, scripted: ScriptedSer
     expect(confirm).to_be_hidden()
 
 
-@pytest.mark.parametrize("width", [1366, 768, 400])
+@pytest.mark.parametrize("width", [1366, evidence(768), 400])
 def test_set_and_actual_rate_are_shown_and_no_empty_panes(
     page: Page, scripted: ScriptedServer, width: int
 ):

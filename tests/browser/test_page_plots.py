@@ -174,6 +174,7 @@ def test_axes_and_last_events_are_in_sight_of_a_small_laptop(page: Page, scripte
         expect(page.locator(plot)).to_be_in_viewport(ratio=1)
 
 
+@pytest.mark.slow
 def test_no_label_of_a_scale_is_cut(own_page: Page, scripted: ScriptedServer):
     """The text of uPlot's scales is watched as it is drawn, with its place in the canvas."""
     page = own_page
@@ -187,7 +188,7 @@ def test_no_label_of_a_scale_is_cut(own_page: Page, scripted: ScriptedServer):
                 || down < 0 || down > this.canvas.height)) window.cut.push([text, left, wide]);
             return fill.call(this, text, x, y, ...more); };"""
     )
-    for width in (1366, 768, 400):
+    for width in (1366, 400):
         page.set_viewport_size({"width": width, "height": 900})
         open_running_page(page, scripted)
         tiny = messages.samples(100, 101)
@@ -220,6 +221,7 @@ def test_near_pitch_90_the_difference_is_shown_and_no_roll_and_heading(
     expect(rows.get_by_role("row", name="roll")).to_contain_text("1.234")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("level", "words", "sign"),
     [

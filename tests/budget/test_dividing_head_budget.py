@@ -46,7 +46,7 @@ def experiment(collimated: CollimationMode, **truth: float) -> Experiment:
 @pytest.mark.parametrize("collimated", ["every", pytest.param("pairs", marks=pytest.mark.slow)])
 def test_first_order_monte_carlo_and_stated_uncertainty_agree(collimated: CollimationMode):
     made = experiment(collimated)
-    found = budget(made, trials=300)
+    found = budget(made, trials=150)
     names = {line.name for line in made.imperfections}
     assert {"drift", "creep of the base", "tilt of the base", "polygon's faces"} <= names
     total, stated = found.total, made.stated()

@@ -57,7 +57,7 @@ def test_noise_of_six_positions_is_that_of_the_closed_formula():
 
 @pytest.mark.slow
 def test_a_lean_of_the_faces_is_misalignment_to_first_order_and_scale_to_second():
-    found = budget(six_position_experiment("classical"), 120, seed=2)
+    found = budget(six_position_experiment("classical"), 60, seed=2)
     tilt = next(s for one, s in found.contributions.items() if one.name == "tilt")
     k1 = found.experiment.sensor.coefficients.index("x.k1")
     # Mean of (t₁² + t₂²)/2 over two faces has the deviation sd² / √2.

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.special import chdtri
+from tests.base_seeds import evidence, slow
 from tests.benches import generated_runs
 from tests.benches.generated_runs import (
     kind_for,
@@ -37,7 +38,7 @@ LEVEL, MOST_SHIFT, LEAST_FACTOR = 0.01, 1.0, 1.3
 MOST_SCATTER, MOST_SCATTER_OF_RESTS = 2.0, 3.0  # times as stated; as measured within rests
 FACTORS = (1.0, 1.5, 2.5, 5.0, 1 / 1.5, 1 / 3)
 TABLE_FACTORS = [
-    pytest.param(one, marks=() if one in (1.0, 2.5, 1 / 3) else pytest.mark.slow) for one in FACTORS
+    one if one in (2.5, 1 / 3) else slow(one) if one == 1.0 else evidence(one) for one in FACTORS
 ]
 TABLES = [
     name
@@ -49,7 +50,12 @@ WEIGHS_WHITE = {
     "turntable_kalman", "turntable_trajectory", "systematic", "temperature_ramp", "field_and_rates"
 }  # fmt: skip
 RECORDED = [
-    pytest.param(name, marks=pytest.mark.slow if kind_for(name).sampled else ()) for name in METHODS
+    evidence(name)
+    if name == "turntable_trajectory"  # of the kinds of recordings that are followed, one more
+    else slow(name)
+    if kind_for(name).sampled
+    else name
+    for name in METHODS
 ]
 
 
@@ -141,7 +147,7 @@ def test_a_white_noise_that_is_stated_too_large_is_told_with_its_factor(
     run = simulate_run(path, 1)
     text = run.path.read_text(encoding="utf-8")
     sensor = run.sensor
-    for factor in (1.0, 1.5, 3.0):
+    for factor in (1.0, 1.5, 3.0) if method in WEIGHS_WHITE else (1.0, 3.0):
 
         def scaled(found: re.Match[str], by: float = factor) -> str:
             return f'white = "{float(found[1]) * by:.9g} {found[2]}"'

@@ -10,6 +10,7 @@ from typing import Any
 
 import pikepdf
 import pytest
+from tests.base_seeds import slow
 from tests.certificate.conftest import CHINESE, Laboratory, need_chinese
 from tests.certificate.dcc_xml import etree
 from tests.certificate.pdf_text import page_texts, squeezed
@@ -97,7 +98,7 @@ def test_structure_is_that_of_pdf_a_3b(issued: Path):
     assert load(copy).sensor.name == "accelerometer SN 0417"
 
 
-@pytest.mark.parametrize("language", ["en", pytest.param("de", marks=pytest.mark.slow), "zh"])
+@pytest.mark.parametrize("language", ["en", slow("de"), slow("zh")])
 def test_preflight_finds_the_pages_valid_as_a_1b(language: Language, example: Path, tmp_path: Path):
     jars = [Path(f"/usr/share/java/{name}.jar") for name in JARS]
     if shutil.which("java") is None or not all(jar.is_file() for jar in jars):

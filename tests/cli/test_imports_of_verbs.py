@@ -69,7 +69,6 @@ def test_calibrating_six_means_imports_no_compiler_no_optimiser_and_no_plots(
 
 def test_a_report_of_six_means_adds_the_plots_alone(table: Path, tmp_path: Path):
     used = {"scipy.special", "matplotlib"}
-    assert heavy_imports("calibrate", table, "--out", tmp_path) == used
     assert heavy_imports("report", table, "--out", tmp_path / "page.html") == used
 
 

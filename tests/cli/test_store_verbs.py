@@ -190,6 +190,7 @@ def test_verb_and_page_state_the_next_calibration(program: Program, tmp_path: Pa
     assert stated["date"] in page.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_two_calibrations_are_compared_by_number_and_by_file(program: Program, tmp_path: Path):
     paths = ten(tmp_path)
     program("store", "import", *paths)
@@ -333,6 +334,7 @@ def test_an_empty_register_says_how_it_is_filled(program: Program, tmp_path: Pat
     assert program("store", "list", "--runs", "--json").json["runs"] == []
 
 
+@pytest.mark.slow
 def test_a_calibration_is_entered_and_its_history_stands_in_the_report(
     program: Program, tmp_path: Path
 ):

@@ -44,7 +44,7 @@ rate = "25 Hz"
 [method]
 name = "METHOD"
 """
-TRIALS = 200
+TRIALS = 100
 
 
 @pytest.mark.parametrize("method", ["six_position", "ferraris"])

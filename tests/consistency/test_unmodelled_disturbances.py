@@ -15,6 +15,7 @@ from tests.accuracy.ferraris import (
     record,
 )
 from tests.accuracy.inercal_inputs import make_bench, make_observations, true_coefficients
+from tests.base_seeds import evidence, slow
 
 from inercal.estimation import Estimate
 from inercal.methods import METHODS
@@ -65,8 +66,8 @@ def rejected(device: Imu, hands: Handling) -> float:
     ("changes", "hands"),
     [
         ({"colour_g": 0.03 * DEGREE}, HANDS),
-        ({"drift_g": np.full(3, 1e-3 * DEGREE)}, HANDS),
-        ({"colour_a": 200e-6 * 9.81}, PRECISE),
+        slow({"drift_g": np.full(3, 1e-3 * DEGREE)}, HANDS),
+        slow({"colour_a": 200e-6 * 9.81}, PRECISE),
     ],
     ids=["gyro wanders", "gyro drifts", "accelerometer wanders"],
 )
@@ -169,7 +170,7 @@ def test_classical_takes_the_earth_for_sensitivity_to_gravity_and_ml_does_not():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turn_tilt", [0.5 * DEGREE, 0.0])
+@pytest.mark.parametrize("turn_tilt", [0.5 * DEGREE, evidence(0.0)])
 def test_faces_of_half_a_degree_leave_every_coefficient_unbiased_and_covered(turn_tilt: float):
     """What bare hands do: at this size the second order of a tilt is as large as the noise.
 

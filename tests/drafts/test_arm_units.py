@@ -19,8 +19,7 @@ def arm(folder: Path, unit: str, scale: float = 1.0) -> Path:
     return logs.write(folder / "arm.csv", ("position", "rate", "ax", "ay", "az"), columns)
 
 
-@pytest.mark.parametrize("scale", [1.0, 4321.0])
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize(("unit", "scale"), [*((unit, 1.0) for unit in UNITS), ("°/s", 4321.0)])
 def test_the_unit_of_the_rate_follows_from_norms_if_no_name_states_it(
     unit: str, scale: float, tmp_path: Path
 ):

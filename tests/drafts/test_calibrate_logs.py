@@ -17,7 +17,7 @@ HEAD = ("t", "ax", "ay", "az", "gx", "gy", "gz")
 
 
 def hand_held(folder: Path, seed: int = 3) -> Path:
-    log = logs.by_hand(seed)
+    log = logs.by_hand(seed, hz=50.0)
     columns = [log["t"], *log["f"].T, *np.radians(log["w"]).T]
     return logs.write(folder / "imu.csv", HEAD, columns)
 
@@ -64,7 +64,7 @@ def test_an_assumed_unit_is_told_and_gives_reservations(tmp_path: Path):
         inercal.calibrate(log)
     assert error.value.names == (key,)
 
-    assumed = run_program("calibrate", log, "-o", tmp_path / "assumed", "--yes")
+    assumed = run_program("calibrate", log, "-o", tmp_path / "assumed", "--yes", "--no-report")
     stated = run_program(
         "calibrate", log, "-o", tmp_path / "stated", "--set", f"{key}=°/s", "--no-report"
     )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.io
 from tests import generated_logs as logs
+from tests.base_seeds import evidence
 from tests.drafts.test_kinds_of_logs import BIASES, assert_true, calibrated, chosen, drafted
 
 GYRO_BIASES = {
@@ -27,8 +28,15 @@ def field(at: np.ndarray) -> np.ndarray:
     return np.stack([30 * np.cos(at / 9), 30 * np.sin(at / 9), np.full(at.size, 40.0)], axis=1)
 
 
-@pytest.mark.parametrize("step", [0.0103, 0.0052])
-@pytest.mark.parametrize("form", ["matrices", "structs"])
+@pytest.mark.parametrize(
+    ("form", "step"),
+    [
+        ("matrices", 0.0103),
+        ("structs", 0.0052),
+        evidence("matrices", 0.0052),
+        evidence("structs", 0.0103),
+    ],
+)
 def test_arrays_of_a_mat_file_with_own_clocks_are_paired(form: str, step: float, tmp_path: Path):
     log, at, rate = both(step)
     slow = np.arange(0.0, log["t"][-1], 0.05)
@@ -64,7 +72,7 @@ def test_arrays_of_unequal_length_without_clocks_are_named(tmp_path: Path):
     assert_true(calibrated(draft), BIASES)
 
 
-@pytest.mark.parametrize("names", ["phone", "columns"])
+@pytest.mark.parametrize("names", [evidence("phone"), "columns"])
 def test_a_magnetometer_in_a_third_file_is_left_out(names: str, tmp_path: Path):
     log, at, rate = both()
     slow = np.arange(0.0, log["t"][-1], 0.05)
@@ -84,7 +92,7 @@ def test_a_magnetometer_in_a_third_file_is_left_out(names: str, tmp_path: Path):
     assert_true(calibrated(draft), BIASES | GYRO_BIASES, k=4)
 
 
-@pytest.mark.parametrize("zone", ["", "Z", "+02:00"])
+@pytest.mark.parametrize("zone", ["", evidence("Z"), "+02:00"])
 def test_dates_of_two_files_are_paired(zone: str, tmp_path: Path):
     log, at, rate = both()
 

@@ -1,9 +1,11 @@
 """Columns by names that common loggers write, by values, and as the user states them."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 
 from inercal.basics.errors import InputError
 from inercal.physics.frames import exp_so3
@@ -118,6 +120,7 @@ def test_other_quantities_are_no_sensors(head: str):
     assert not by_names(head).triads
 
 
+@cache
 def imu_log(seed: int = 2) -> np.ndarray:
     """Return counts of an IMU turned by hand between rests: time, 3 acc, temperature, 3 gyro."""
     rng = np.random.default_rng(seed)
@@ -178,7 +181,9 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("text", ["q,r,s", '["q", "r", "s"]', "[2, 3, 4]", "[q, r, s]"])
+@pytest.mark.parametrize(
+    "text", ["q,r,s", "[2, 3, 4]", evidence('["q", "r", "s"]'), evidence("[q, r, s]")]
+)
 def test_stated_columns_are_used(text: str, log: Path):
     stated = {"data.accelerometer": text, "data.gyro": "6,7,8", "data.temperature": "u"}
     draft = draft_run_file([log], log.with_name("run.toml"), stated)

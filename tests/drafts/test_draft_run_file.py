@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.base_seeds import slow
 
 import inercal
 from inercal.basics.errors import InputError
-from inercal.pipeline import apply_data_columns, simulate
 from inercal.pipeline.drafts import Draft, draft_run_file
-from inercal.recordings.io.write import write_recording
-from inercal.runfile import read
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 AXES = ("x", "y", "z")
@@ -103,6 +101,7 @@ SHARED = {
         },
     ),
 }
+FAST = ("xsens", "ferraris, counts", "centrifuge table")
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +111,7 @@ def xsens(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Draft:
     return draft_run_file(logs, tmp_path_factory.mktemp("xsens") / "run.toml")
 
 
-@pytest.mark.parametrize("case", SHARED)
+@pytest.mark.parametrize("case", [c if c in FAST else slow(c) for c in SHARED])
 def test_shared_recordings_need_one_answer_at_most(
     case: str, data_dir: Path, tmp_path: Path, xsens: Draft
 ):
@@ -165,33 +164,6 @@ def test_tables_of_the_examples_are_recognised(table: str, run_file: str, tmp_pa
         drafted = float(found["sensor.accelerometer.scale"].split()[0])
         assert drafted == pytest.approx(float(scale.split()[0]), rel=0.05)
     assert found["method.name"] == content["method"]["name"]
-    assert calibrated(draft).method == content["method"]["name"]
-
-
-SIMULATED = {
-    "centrifuge/arm_run.toml": {"bench.radius": "1 m ± 10 µm"},
-    "rate_table/ship_recording.toml": {},
-    "turntable/mimu.toml": {"bench.latitude": "38 °"},
-    "hand_held/simulated.toml": {},
-    "ferraris_simulated/run.toml": {},
-}
-
-
-@pytest.mark.parametrize("example", SIMULATED)
-def test_simulated_recordings_are_recognised(example: str, tmp_path: Path):
-    run = read(EXAMPLES / example)
-    log = tmp_path / "log.csv"
-    write_recording(apply_data_columns(run, simulate(run, seed=3)), log)
-    draft = draft_run_file([log], tmp_path / "run.toml", SIMULATED[example])
-    found = chosen(draft)
-    assert not draft.questions
-    assert found["data.accelerometer"] == list(run.data.accelerometer)
-    assert found["method.name"] == run.method.name
-    units = {axis.measures: axis.readout.unit for axis in run.sensor.axes}
-    if units["f"] not in ("V", "LSB"):
-        assert found["sensor.accelerometer.unit"] == units["f"]
-    if "sensor.gyro.unit" in found:
-        assert found["sensor.gyro.unit"] == units["w"]
 
 
 def still_log(path: Path, head: str, scale: float, **more: float) -> Path:
@@ -250,12 +222,11 @@ def test_a_file_without_sensors_is_refused(tmp_path: Path):
     assert caught.value.file == log
 
 
-@pytest.mark.parametrize(
-    "log", ["px4.ulg", "ardupilot.bin", "ros.mcap", "logger.csv", "workbook.xlsx"]
-)
-def test_logs_with_marks_are_six_positions(log: str, tmp_path: Path):
+def test_a_log_with_stated_marks_is_six_positions(tmp_path: Path):
     folder = EXAMPLES / "logs"
-    draft = draft_run_file([folder / log], folder / "draft.toml", {"data.marks": "marks.json"})
+    draft = draft_run_file(
+        [folder / "px4.ulg"], folder / "draft.toml", {"data.marks": "marks.json"}
+    )
     found = chosen(draft)
     assert found["sensor.accelerometer.unit"] == "m/s²"
     assert found["method.name"] == "six_position"

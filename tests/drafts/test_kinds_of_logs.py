@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests import generated_logs as logs
+from tests.base_seeds import evidence
 from tests.io.log_files import SAMPLES
 from tests.program import run_program
 from tests.reports import report_file
@@ -75,9 +76,16 @@ def test_a_name_for_each_rest_is_a_label(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    "head", [(), ("x", "y", "z"), ("pose", "ax", "ay", "az"), ("n", "a_x", "a_y", "a_z")]
+    ("head", "separator"),
+    [
+        ((), ","),
+        (("x", "y", "z"), " "),
+        (("pose", "ax", "ay", "az"), "\t"),
+        (("n", "a_x", "a_y", "a_z"), ","),
+        evidence((), " "),
+        evidence((), "\t"),
+    ],
 )
-@pytest.mark.parametrize("separator", [",", " ", "\t"])
 def test_poses_need_no_labels(head: tuple[str, ...], separator: str, tmp_path: Path):
     means = logs.poses(3, 20) * 9.81
     columns: list[object] = list(means.T)
@@ -99,8 +107,9 @@ NAMES = {
 }
 
 
-@pytest.mark.parametrize("offset", [0.0, 1.0])
-@pytest.mark.parametrize("names", NAMES)
+@pytest.mark.parametrize(
+    ("names", "offset"), [*((name, 0.0) for name in NAMES), ("x_up", 1.0), ("none", 1.0)]
+)
 def test_six_faces_have_any_name_or_none(names: str, offset: float, tmp_path: Path):
     means = np.array(list(logs.FACES.values())) * (1 + logs.SCALE) + logs.BIAS + [0, 0, offset]
     order = [4, 0, 3, 2, 5, 1]
@@ -154,8 +163,9 @@ def test_no_unit_is_asked_for_and_never_guessed_as_a_scale(tmp_path: Path):
     assert [one.name for one in draft.questions] == ["[sensor.accelerometer] unit"]
 
 
-@pytest.mark.parametrize("names", [("X (g)", "X (rad/s)"), ("x", "x")])
-@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize(
+    ("names", "swapped"), [(("X (g)", "X (rad/s)"), False), (("x", "x"), True)]
+)
 def test_gyros_with_a_clock_of_their_own_are_paired(
     names: tuple[str, str], swapped: bool, tmp_path: Path
 ):
@@ -198,14 +208,16 @@ def chamber(folder: Path) -> list[Path]:
     return files
 
 
-@pytest.mark.parametrize("given", ["files", "star", "folder"])
-def test_a_file_for_each_temperature_is_calibrated_at_the_first_try(given: str, tmp_path: Path):
+def test_a_file_for_each_temperature_is_calibrated_at_the_first_try(tmp_path: Path):
     folder = tmp_path / "soaks"
     folder.mkdir()
     files = chamber(folder)
-    named = {"files": files, "star": [folder / "soak_*.csv"], "folder": [folder]}[given]
-    draft = drafted(named, tmp_path)
+    draft, *others = (
+        drafted(given, tmp_path) for given in (files, [folder / "soak_*.csv"], [folder])
+    )
     assert chosen(draft)["method.temperature_order"] == "auto"
+    # But for the name of the sensor, which is that of the files or of the folder.
+    assert [one.text.replace('"soaks"', '"soak"') for one in others] == [draft.text] * 2
     outcome = calibrated(draft)
     slopes = {f"a{a}.k0_dT": s * logs.G for a, s in zip("xyz", (2e-4, -1e-4, 3e-4), strict=True)}
     slopes |= {f"a{a}.k1_dT": s for a, s in zip("xyz", (5e-5, -3e-5, 4e-5), strict=True)}
@@ -213,7 +225,14 @@ def test_a_file_for_each_temperature_is_calibrated_at_the_first_try(given: str, 
 
 
 @pytest.mark.parametrize(
-    "name", ["imu_{}C.csv", "{}degC.csv", "{} °C, run 1.csv", "{}degC/run.csv", "t{}_celsius/x.csv"]
+    "name",
+    [
+        "imu_{}C.csv",
+        "{} °C, run 1.csv",
+        "{}degC/run.csv",
+        evidence("{}degC.csv"),
+        evidence("t{}_celsius/x.csv"),
+    ],
 )
 def test_temperatures_in_the_names_of_files_or_folders_are_used(name: str, tmp_path: Path):
     files = []

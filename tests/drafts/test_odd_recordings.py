@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import chosen, evidence
 from tests.drafts.hand_recording import TRUTH, Array, Hand, by_hand
 from tests.refusals import refused
 from tests.reports import report_file
@@ -68,7 +69,7 @@ STAMPS = {
 }
 
 
-@pytest.mark.parametrize("name", STAMPS)
+@pytest.mark.parametrize("name", chosen(STAMPS, ["8 bits", "16 bits with a sign", "32 bits of µs"]))
 def test_stamps_that_restart_are_unwrapped_by_one_key(tmp_path: Path, name: str):
     stamps, stated, modulus = STAMPS[name]
     columns = {column: values.tolist() for column, values in stamps.items()}
@@ -105,9 +106,9 @@ def test_a_clock_that_was_reset_is_not_unwrapped(tmp_path: Path):
 @pytest.mark.parametrize(
     "stamps",
     [
-        (COUNT // 50).tolist(),
+        evidence((COUNT // 50).tolist()),
         (COUNT // 8 * 0.16).round(3).tolist(),
-        (COUNT // 8 * 160 + 1_700_000_000_000).tolist(),
+        evidence((COUNT // 8 * 160 + 1_700_000_000_000).tolist()),
         [3.0] * len(COUNT),
     ],
     ids=["whole seconds", "bursts", "bursts in ms", "no clock"],
@@ -138,7 +139,7 @@ def test_only_gyros_are_read_where_the_accelerometers_are_an_empty_list(tmp_path
         draft_run_file([log], tmp_path / "run.toml", {"data.accelerometer": "[]"})
 
 
-@pytest.mark.parametrize(("per_g", "per_degree"), [(16384 / 2, 131 / 2), (2048, 16.4)])
+@pytest.mark.parametrize(("per_g", "per_degree"), [(16384 / 2, 131 / 2), evidence(2048, 16.4)])
 def test_signed_counts_written_as_unsigned_get_their_signs(
     tmp_path: Path, per_g: float, per_degree: float
 ):
@@ -171,9 +172,12 @@ def test_counts_with_signs_are_not_given_others(tmp_path: Path):
 def test_lines_are_skipped_while_a_run_file_is_drafted(tmp_path: Path):
     log = written(tmp_path / "log.csv", with_readings({"time": (COUNT / HZ).tolist()}))
     text = log.read_text("utf-8")
+    log.write_text(f"1,2,3\n4,5,6\n{text}", encoding="utf-8")
+    calibrated(log, {"data.skip": "2"}, tmp_path)
     for above in ("1,2,3\n4,5,6\n", "a,b,c,d,e,f,g\n1,2,3,4,5,6,7\n", "x y z\n7\t8\t9\n"):
         log.write_text(above + text, encoding="utf-8")
-        assert calibrated(log, {"data.skip": "2"}, tmp_path)["data.skip"] == 2
+        draft = draft_run_file([log], tmp_path / "run.toml", {"data.skip": "2"})
+        assert ("data", "skip", 2) in [(one.section, one.key, one.value) for one in draft.entries]
         units = {"sensor.gyro.unit": "°/s", "sensor.accelerometer.unit": "m/s²"}
         assert read_rest_recording(log, {"data.skip": "2"} | units).time.size == COUNT.size
 
@@ -240,7 +244,7 @@ def test_reported_parameters_are_imported(name: str, of: str, value: float):
     assert inercal.import_calibration(report_file(name), of).value("ax.k0") == value
 
 
-@pytest.mark.parametrize("share", [0.0, 0.02])
+@pytest.mark.parametrize("share", [evidence(0.0), 0.02])
 def test_bursts_of_a_link_are_reported_as_bursts(share: float, tmp_path: Path):
     stamps = (COUNT // 10 * 10 + share * (COUNT % 10)) / HZ
     log = written(tmp_path / "log.csv", with_readings({"t": stamps.tolist()}))

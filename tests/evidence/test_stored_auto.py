@@ -74,7 +74,7 @@ def test_where_something_else_was_added_the_true_one_is_named_beside(row: auto.R
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", chosen(auto.QUICK, auto.QUICK[1:]))
+@pytest.mark.parametrize("case", chosen(auto.QUICK, auto.QUICK[2:]))
 def test_a_sample_agrees_with_what_is_stored(case: str):
     for row in [one for one in CLEAR if one.case == case]:
         each = [auto.tally_of(row, range(k, k + 1)) for k in range(1000, 1010)]

@@ -50,7 +50,7 @@ def test_the_whole_range_between_quiet_and_rejected_is_covered(method: str):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", noise_coverage.METHODS)
-@pytest.mark.parametrize("added", chosen(list(NAMED)[::4], list(NAMED)[::8]))
+@pytest.mark.parametrize("added", chosen(list(NAMED)[::4], list(NAMED)[::16]))
 def test_a_sample_of_sessions_errs_as_stored(method: str, added: str):
     answers = [noise_coverage.calibrate_session(method, NAMED[added], k) for k in range(SAMPLE)]
     stored = next(

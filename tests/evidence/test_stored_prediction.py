@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from tests.base_seeds import chosen
 from tests.evidence import prediction
 
 from inercal.methods import METHODS
@@ -30,6 +31,7 @@ def test_the_page_is_that_of_the_counts():
     assert prediction.PAGE.read_text(encoding="utf-8") == prediction.page(FOUND)
 
 
+@pytest.mark.slow
 def test_a_small_sample_of_devices_is_covered_again():
     found = [prediction.covered(method, 1, k) for method in SAMPLE for k in range(6)]
     shares = np.array([one for one in found if one is not None]).mean(axis=1)
@@ -38,7 +40,7 @@ def test_a_small_sample_of_devices_is_covered_again():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", prediction.SLOW)
+@pytest.mark.parametrize("method", chosen(prediction.SLOW, ["turntable_kalman", "field_and_rates"]))
 def test_a_sample_of_recordings_is_covered_again(method: str):
     found = [prediction.covered(method, 1, k) for k in range(8)]
     shares = np.array([one for one in found if one is not None]).mean(axis=1)

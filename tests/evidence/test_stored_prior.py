@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from scipy.stats import binom
+from tests.base_seeds import evidence
 from tests.evidence import prior
 
 from inercal.laboratory.type_prior import FALSE_ALARMS
@@ -46,7 +47,7 @@ def test_the_page_is_that_of_the_counts():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n", [10, 30])
+@pytest.mark.parametrize("n", [10, evidence(30)])
 def test_a_sample_of_new_sensors_lies_within_u_again(n: int):
     inside = prior.cover((n, 0))[:, :-1]
     # The coefficients of a sensor are correlated: the populations are what is independent.
@@ -55,7 +56,7 @@ def test_a_sample_of_new_sensors_lies_within_u_again(n: int):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n", [10, 30])
+@pytest.mark.parametrize("n", [10, evidence(30)])
 @pytest.mark.parametrize("estimator", prior.ESTIMATORS)
 def test_a_sample_of_pairs_errs_as_stated_again(estimator: str, n: int):
     nees = prior.calibrate_pairs((estimator, n, 0))

@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.base_seeds import evidence
+from tests.base_seeds import evidence, slow
 from tests.evidence import stored_counts, unobservable_causes
 from tests.evidence.graded_calibration import calibrate_files
 from tests.evidence.violation_cells import (
@@ -113,7 +113,7 @@ def test_without_noise_the_residual_of_the_estimator_has_the_norm_that_is_comput
     # A recording of six positions leaves a drift open, which is in the estimator's u of biases and
     # is not an unknown here.
     [
-        pytest.param(n, marks=pytest.mark.slow if n in SLOW else ())
+        evidence(n) if n == "turntable_trajectory" else slow(n) if n in SLOW else n
         for n in CASES
         if n != "six_position, recorded"
     ],
@@ -143,6 +143,7 @@ def test_the_limitations_page_has_the_figures_of_the_cases():
     np.testing.assert_allclose(*figures, rtol=0.06)
 
 
+@pytest.mark.slow
 def test_each_unobservable_cause_has_a_key_to_account_for_it():
     for name in CASES:
         for one in unobservable_causes.hidden_causes(name):
@@ -150,7 +151,8 @@ def test_each_unobservable_cause_has_a_key_to_account_for_it():
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in CASES]
+    "name",
+    [evidence(n) if n == "turntable_trajectory" else slow(n) if n in SLOW else n for n in CASES],
 )
 def test_the_verdict_names_each_unobservable_cause_without_a_key(name: str):
     answer = calibrate_device(Cell(name, "", BASE, 0.0, 0.0, 90.0, 1, 1), 0)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -100,9 +101,15 @@ def commands(path: Path) -> list[list[str]]:
     return found
 
 
+@cache
+def program() -> Any:
+    """Return the command object of the program, which takes long to make."""
+    return typer.main.get_command(app)
+
+
 def verb_of(words: list[str]) -> tuple[Any, list[str]]:
     """Return the command object of a verb, and the words that follow."""
-    command: Any = typer.main.get_command(app)
+    command: Any = program()
     rest = list(words)
     while groups := getattr(command, "commands", None):
         assert rest, f"inercal {words}: which of {', '.join(groups)}?"
@@ -115,12 +122,12 @@ def verb_of(words: list[str]) -> tuple[Any, list[str]]:
 
 @pytest.mark.parametrize("path", PAGES, ids=identifier)
 def test_every_command_of_a_page_fits_the_arguments_of_its_verb(path: Path):
-    for program, *words in commands(path):
-        if program == "inercal":
+    for name, *words in commands(path):
+        if name == "inercal":
             command, rest = verb_of(words)
             command.make_context(" ".join(words), rest)
         else:
-            assert program in OTHERS, program
+            assert name in OTHERS, name
 
 
 def too_much(command: Any, words: list[str]) -> str:
@@ -136,7 +143,7 @@ def too_much(command: Any, words: list[str]) -> str:
 def test_verbs_and_options_within_a_text_exist(path: Path):
     for text in _INLINE.findall(path.read_text(encoding="utf-8")):
         words = [word for word in shlex.split(text) if word != "…"]
-        groups = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+        groups = program().commands
         if words[0].isupper() or (words[0] in groups and len(words) == 1):
             continue
         command, rest = verb_of(words)
@@ -171,8 +178,8 @@ def test_the_commands_that_name_files_of_the_examples_run(
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
     shown = commands(DOCS / name)[: RUN[name]]
-    for k, (program, *words) in enumerate(shown):
-        assert program == "inercal"
+    for k, (verb, *words) in enumerate(shown):
+        assert verb == "inercal"
         for n in range(2, 5) if words[-1].endswith("session_1.toml") else ():
             run_program(*words[:-1], words[-1].replace("_1", f"_{n}"))
         for n in range(22, 26) if words[-1].endswith("QA_21.toml") else ():

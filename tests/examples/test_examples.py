@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.special import chdtri
+from tests.base_seeds import slow
 from tests.refusals import refused
 
 import inercal
@@ -125,43 +125,6 @@ def test_six_positions_from_a_table_of_means_agree_with_its_half_sums(examples: 
     assert outcome.calibration.value("ax.k0") == pytest.approx(bias, abs=1e-5 * 9.80665)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "ferraris_simulated/run",
-        "hand_held/simulated",
-        "turntable/mimu",
-        "turntable/two_clocks",
-        "turntable/filter_keys",
-        "systematic/imu",
-        "magnetometer/nine_axes",
-    ],
-)
-def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: str):
-    run = read(examples / f"{name}.toml")
-    write_recordings({run.file(name): made for name, made in simulate_files(run).items()})
-    calibration = calibrate(run).calibration
-    truth = np.array([run.truth.get(name, 0.0) for name in calibration.sensor.coefficients])
-    error = calibration.values - truth
-    nees = error @ np.linalg.solve(calibration.covariance, error)
-    # χ² with 33 (30, 24) degrees of freedom: these are its 0.003 % (0.5 % of 24) and 99.9 % points.
-    assert 10 < nees < 63
-
-
-@pytest.mark.parametrize(("name", "dof"), [("soaks", 33), ("ramp", 12)], ids=["soaks", "ramp"])
-def test_a_run_in_a_chamber_is_calibrated_to_its_truth(examples: Path, name: str, dof: int):
-    path = examples / "temperature" / f"{name}.toml"
-    run = read(path)
-    write_recordings({run.file(name): made for name, made in simulate_files(run).items()})
-    outcome = calibrate(path)
-    calibration = outcome.calibration
-    truth = np.array([run.truth.get(name, 0.0) for name in calibration.sensor.coefficients])
-    error = calibration.values - truth
-    nees = error @ np.linalg.solve(calibration.covariance, error)
-    # 0.05 and 99.95 % points
-    assert float(chdtri(dof, 0.9995)) < nees < float(chdtri(dof, 0.0005))
-
-
 def test_a_compressed_recording_is_calibrated_within_the_limit_that_its_run_file_states(
     examples: Path,
 ):
@@ -177,7 +140,7 @@ def test_a_compressed_recording_is_calibrated_within_the_limit_that_its_run_file
         calibrate(path)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence  # `inercal demo` carries out a like plan in make slow
 def test_the_plan_of_the_bench_is_carried_out_on_a_simulated_one(examples: Path, tmp_path: Path):
     run = read(examples / "bench" / "plan.toml")
     with BenchSimulator(run.path, seed=1) as bench:
@@ -264,7 +227,7 @@ def test_the_calibration_of_an_example_is_the_documented_json(examples: Path, tm
         assert key in page, key
 
 
-@pytest.mark.parametrize("name", ["five_years", "first_interval"])
+@pytest.mark.parametrize("name", [slow("five_years"), "first_interval"])
 def test_the_register_guide_prints_what_its_examples_print_and_a_page_is_left(
     name: str, tmp_path: Path
 ):

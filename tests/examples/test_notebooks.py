@@ -29,6 +29,7 @@ def quickstart() -> nbformat.NotebookNode:
     return run_notebook(EXAMPLES / "quickstart.ipynb")
 
 
+@pytest.mark.slow
 def test_the_quickstart_shows_the_coefficients_of_the_example(quickstart: nbformat.NotebookNode):
     shown = [
         output["data"]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from tests.base_seeds import slow
 from tests.program import run_program
 
 ROOT = Path(__file__).parents[2]
@@ -74,7 +75,7 @@ def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("name", ["first-calibration", "certificate", "fleet"])
+@pytest.mark.parametrize("name", ["first-calibration", "certificate", slow("fleet")])
 def test_a_tutorial_is_done_as_written(empty: Path, name: str):
     for step in steps(TUTORIALS / f"{name}.md"):
         carry_out(step)

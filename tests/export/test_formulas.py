@@ -10,10 +10,12 @@ import re
 from collections.abc import Callable
 from functools import reduce
 from io import StringIO
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.base_seeds import chosen
 from tests.export.calibrations import (
     COUNTS,
     LINEAR,
@@ -290,8 +292,14 @@ def stated(text: str, kind: str, what: str = "error of this file") -> float:
     return float(found[1])
 
 
-@pytest.mark.parametrize("to", LINEAR_TARGETS)
-@pytest.mark.parametrize("terms", SETS)
+@pytest.mark.parametrize(
+    ("to", "terms"),
+    chosen(
+        product(LINEAR_TARGETS, SETS),
+        [(to, "full") for to in LINEAR_TARGETS]
+        + [(to, "linear") for to in ("csv", "kalibr", "openvins", "px4")],
+    ),
+)
 def test_the_correction_of_a_target_is_the_calibration_but_for_the_stated_error(
     to: str, terms: str
 ):

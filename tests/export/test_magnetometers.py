@@ -150,8 +150,7 @@ def test_axes_front_right_down_take_the_rotated_matrix_and_offset(to: str):
 
 
 @pytest.mark.parametrize("terms", [(), ("bias_dT", "scale_dT")], ids=["linear", "temperature"])
-@pytest.mark.parametrize("inertial", [False, True])
-@pytest.mark.parametrize("to", ["python", "matlab"])
+@pytest.mark.parametrize(("to", "inertial"), [("python", True), ("matlab", False)])
 def test_code_corrects_nine_axes_exactly(to: str, terms: tuple[str, ...], inertial: bool):
     calibration = make_magnetometer(*terms, inertial=inertial)
     seen = magnetometer_readings(calibration, 2000)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import slow
 from tests.export.calibrations import COUNTS, LINEAR, RANGES, TEMPERATURE, make_calibration
 from tests.export.test_formulas import SINGLE
 
@@ -89,7 +90,7 @@ def table(text: str) -> Array:
     return np.array([[float(x) for x in line.split(",")] for line in text.splitlines()])
 
 
-@pytest.fixture(params=CALIBRATIONS)
+@pytest.fixture(params=[slow(name) if name == "linear" else name for name in CALIBRATIONS])
 def project(request: pytest.FixtureRequest, tmp_path: Path) -> Project:
     folder = tmp_path / "arduino"
     shutil.copytree(EXAMPLE, folder)

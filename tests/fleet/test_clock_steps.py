@@ -108,6 +108,7 @@ def check_steps(folder: Path, clock: type[Clock], seed: int, steps: int) -> None
         assert exported(line) == anew
 
 
+@pytest.mark.slow
 def test_an_export_equals_a_new_calibration_or_is_marked(tmp_path: Path, clock: type[Clock]):
     check_steps(tmp_path, clock, 1, steps=4)
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.fleet.lines import TEMPLATE, make_line, readings, rows_of, write_recording, write_table
 from tests.refusals import refused
 
@@ -65,7 +66,7 @@ def test_the_calibration_file_of_a_row_is_read_as_it_was_written(calibrated: Pat
     assert loaded.provenance["recording sha256"] == row["recording_sha256"]
 
 
-@pytest.mark.parametrize("size", [1, 7, 50])
+@pytest.mark.parametrize("size", [evidence(1), 7, 50])
 def test_batches_and_workers_change_no_value(calibrated: Path, tmp_path: Path, size: int):
     folder = make_line(tmp_path, 8)
     with IsolatedExecutor(2) if size == 7 else SerialExecutor() as executor:
@@ -178,6 +179,7 @@ def compute_or_die(line: Line, out: results.ResultWriter, work: Any) -> Any:
     return batch_module.compute_batch(line, out, work)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="a process cannot be killed here")
 def test_a_sensor_that_kills_its_worker_is_lost_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -220,7 +222,7 @@ class Interrupted(TolerantExecutor):
         self._serial.close()
 
 
-@pytest.mark.parametrize("most", [0, 1, 3])
+@pytest.mark.parametrize("most", [evidence(0), 1, evidence(3)])
 def test_an_interrupted_fleet_goes_on_to_the_same_rows(calibrated: Path, tmp_path: Path, most: int):
     folder = make_line(tmp_path, 8)
     with pytest.raises(KeyboardInterrupt):

@@ -109,6 +109,7 @@ def test_drift_and_shift_of_a_station_are_found(tmp_path: Path):
     assert {name for name, _ in chosen} <= {"ay.k0", "ax.k0"}
 
 
+@pytest.mark.slow
 def test_few_lots_are_no_trend(tmp_path: Path):
     """Lots that differ by chance: without them in the variance, half of all would be trends."""
     wrong = 0

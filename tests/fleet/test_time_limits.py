@@ -10,6 +10,7 @@ from threading import Event
 from typing import Any
 
 import pytest
+from tests.base_seeds import evidence
 from tests.fleet.lines import make_line, rows_of, write_recording
 from tests.fleet.test_fleet_cluster import Cluster
 from tests.program import run_program
@@ -88,7 +89,7 @@ def test_the_limit_follows_from_the_times_of_the_others():
     assert TimeLimit(3.0).seconds(10**9, early=True) == 3.0
 
 
-@pytest.mark.parametrize("batch", [1, 3, 8])
+@pytest.mark.parametrize("batch", [evidence(1), 3, evidence(8)])
 def test_a_sensor_that_hangs_is_named_and_the_others_are_done(tmp_path: Path, batch: int):
     folder = make_line(tmp_path, 8)
     counts = calibrated(folder, {SLOW: 1e9}, batch=batch)
@@ -101,6 +102,7 @@ def test_a_sensor_that_hangs_is_named_and_the_others_are_done(tmp_path: Path, ba
     assert calibrated(folder, {}, retry_failed=True).done == 1
 
 
+@pytest.mark.slow
 def test_a_slow_sensor_that_comes_first_is_judged_when_the_others_are_known(tmp_path: Path):
     folder = make_line(tmp_path / "a", 5)
     assert calibrated(folder, {"S000": 100.0}).done == 4  # the others take milliseconds

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 from hypothesis import given, seed
 from hypothesis import strategies as st
-from tests.fuzz.test_mutated_toml import COUNTS, EXAMPLES, require_one_line, tried
+from tests.base_seeds import evidence, slow
+from tests.fuzz.test_mutated_toml import EXAMPLES, require_one_line, tried
 from tests.program import run_program
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
@@ -88,8 +89,11 @@ def strict(content: Any, like: Any) -> bool:
     return type(content) is type(like) and content == like
 
 
-@pytest.mark.parametrize("count", [40, *COUNTS[1:]])
-def test_a_mutated_calibration_is_refused_or_read_as_it_stands(tmp_path: Path, count: int):
+@pytest.mark.parametrize(("count", "used"), [(20, 10), slow(200, 40), evidence(100_000, 400)])
+def test_a_mutated_calibration_is_refused_or_read_as_it_stands(
+    tmp_path: Path, count: int, used: int
+):
+    """Of the files, about as many as `used` are given to the verbs that read calibrations."""
     run = run_file(tmp_path, SIX_POSITIONS)
     assert run_program("simulate", run).status == 0
     assert run_program("calibrate", run, "--out", tmp_path, "--no-report").status == 0
@@ -143,7 +147,7 @@ def test_a_mutated_calibration_is_refused_or_read_as_it_stands(tmp_path: Path, c
             assert strict(content, again)
             seen["read"] += 1
             expected = 0
-        if rng.random() < min(1.0, 400 / count):
+        if rng.random() < used / count:
             shutil.rmtree(work, ignore_errors=True)
             work.mkdir()
             register = work / "register.db"
@@ -158,7 +162,7 @@ def test_a_mutated_calibration_is_refused_or_read_as_it_stands(tmp_path: Path, c
             applied = run_program("apply", path, run, "--out", work / "corrected.csv").status
             assert applied == 2 if expected else applied in (0, 2)
         # Drawing takes a second: where the file is refused nothing is drawn.
-        if rng.random() < min(1.0, (400 if expected else 40) / count):
+        if rng.random() < (used if expected else used / 10) / count:
             reported = run_program("report", report, "--out", tmp_path / "lab.html").status
             assert reported == 2 if expected else reported in (0, 2)
 

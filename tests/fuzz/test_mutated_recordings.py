@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.base_seeds import evidence, slow
 from tests.fuzz.recording_mutations import FORMATS, outcomes
 
 ROOT = Path(__file__).parents[2]
@@ -18,13 +19,12 @@ def test_a_mutated_recording_is_read_or_refused_by_one_line(name: str, tmp_path:
 
 
 @pytest.mark.parametrize(
-    "count",
+    ("name", "count"),
     [
-        pytest.param(40, marks=pytest.mark.slow),
-        pytest.param(1430, marks=pytest.mark.evidence),  # 20 020 of all formats
+        *(slow(name, 20) for name in list(FORMATS)[::2]),
+        *(evidence(name, 1430) for name in FORMATS),  # 20 020 of all formats
     ],
 )
-@pytest.mark.parametrize("name", FORMATS)
 def test_no_mutation_takes_a_gigabyte_or_ends_the_program(name: str, count: int):
     done = subprocess.run(
         [sys.executable, "-m", "tests.fuzz.recording_mutations", name, str(count), str(count)],

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, seed, settings
+from tests.base_seeds import evidence, slow
 from tests.fuzz.toml_mutations import mutated
 
 from inercal.basics.errors import InercalError
@@ -25,9 +26,9 @@ DESCRIPTIONS = tuple(
 )
 BYTES = bytes(range(256)) * 8 + b"1,2,3,4,5,6,7\r\n" * 20
 COUNTS = [
-    pytest.param(200),
-    pytest.param(600, marks=pytest.mark.slow),
-    pytest.param(100_000, marks=pytest.mark.evidence),
+    pytest.param(100),
+    slow(300),
+    evidence(100_000),
 ]
 
 

@@ -89,13 +89,13 @@ def run(
     plan = read(run_file)
     kept = None if register is None else console.open_register(register)
     _require_operator(plan, answers, simulated=bool(clock))
-    with console.progress_status("checking the plan"):
-        warnings = check_plan(plan)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
     addresses = table, imu, clock
     further = assignments(also_imu or (), "--also-imu", "NAME=ADDRESS")
     result, journal = create_run(folder, plan, addresses, chamber=chamber, further_imus=further)
     with journal, result.removed_on_failure():
+        with console.progress_status("checking the plan"):
+            warnings = check_plan(plan)
         for words in warnings:
             journal.record_event("warning", words)
             console.report_line(words)
