@@ -11,7 +11,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from tests.base_seeds import chosen
 from tests.host.journal_sections import sections_done
 from tests.host.simulated_runs import INERCAL, SHORT, plan, quick
 
@@ -133,10 +132,10 @@ def killed_and_resumed(folder: Path, unbroken: Unbroken, share: float) -> None:
 MOMENTS = np.random.default_rng(20).uniform(0.01, 1.0, 20).round(4).tolist()
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize(
     "share",
-    chosen(MOMENTS[:8], MOMENTS[1:2]),
+    MOMENTS[:8],
 )
 def test_a_run_killed_at_any_moment_is_finished_by_resume(
     tmp_path: Path, unbroken: Unbroken, share: float

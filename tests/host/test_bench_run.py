@@ -142,6 +142,7 @@ def test_a_fault_of_the_table_ends_the_run_with_the_axis_named_and_the_table_at_
     assert at_rest(broken)
 
 
+@pytest.mark.slow
 def test_an_axis_whose_encoder_stands_is_switched_off_and_said_to_turn(
     tmp_path: Path, broken: BenchSimulator
 ):

@@ -87,9 +87,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recorded]:
 
 
 def slow_cases(*values: Iterable[object]) -> list[object]:
-    """Return all combinations: one of four is slow, the others are for `make evidence`."""
+    """Return all combinations: one of eight is slow, the others are for `make evidence`."""
     return [
-        pytest.param(*one, marks=pytest.mark.evidence if k % 4 else pytest.mark.slow)
+        pytest.param(*one, marks=pytest.mark.evidence if k % 8 else pytest.mark.slow)
         for k, one in enumerate(product(*values))
     ]
 

@@ -78,6 +78,7 @@ def test_other_verbs_need_nothing_of_unix(
     assert result.exists()
 
 
+@pytest.mark.slow
 def test_workers_are_spawned(program: Path, tmp_path: Path):
     run_file = EXAMPLES / "six_position" / "run.toml"
     options = ("--trials", "4", "--workers", "2", "--json", "--out", tmp_path)

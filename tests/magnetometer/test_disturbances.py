@@ -6,6 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from tests.base_seeds import sampled
 from tests.magnetometer import generator as sim
 from tests.magnetometer.calibrations import calibrated
 from tests.magnetometer.cases import band, fit, normalised_error
@@ -42,8 +43,9 @@ def disturbances(rng, own):
 
 
 @pytest.mark.parametrize("links", [False, True])
-def test_false_alarms_are_at_most_two_per_cent(links, seed):
-    count, alarms, excess = 150, 0, 0
+@pytest.mark.parametrize(("seed", "count"), sampled(50, 150))
+def test_false_alarms_are_at_most_two_per_cent(links, seed, count):
+    alarms, excess = 0, 0
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         attitude = sim.scattered(rng, N)
@@ -57,9 +59,10 @@ def test_false_alarms_are_at_most_two_per_cent(links, seed):
 
 
 @pytest.mark.parametrize("links", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_a_visible_disturbance_is_found(links, seed):
+@pytest.mark.parametrize(("seed", "count"), sampled(10, 40))
+def test_a_visible_disturbance_is_found(links, seed, count):
     """η² = 36 is χ² of exact readings with the disturbance."""
-    count, found = 40, Counter()
+    found = Counter()
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         own, attitude = sim.device(rng), sim.scattered(rng, N)
@@ -104,8 +107,9 @@ def test_a_step_is_named_with_its_size():
     np.testing.assert_array_less(best.sd, 0.1e-6)
 
 
-def test_an_inhomogeneous_field_is_estimated_with_its_interval(seed):
-    count, tau, errors, covered = 30, [], [], 0
+@pytest.mark.parametrize(("seed", "count"), sampled(10, 30))
+def test_an_inhomogeneous_field_is_estimated_with_its_interval(seed, count):
+    tau, errors, covered = [], [], 0
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         own = sim.device(rng)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.base_seeds import chosen
 from tests.methods import systematic_table as made
 from tests.methods.systematic_cases import (
     errors_of,
@@ -333,7 +334,7 @@ FAULTS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", chosen(FAULTS, ("latitude 1°", "creep 10″", "lost sample")))
 def test_a_fault_shows_in_chi_squared(fault: str):
     table, grade = made.Table(), made.NAVIGATION
     sensor = sensor_of(grade)

@@ -42,7 +42,7 @@ def test_crude_sensors_are_calibrated(tmp_path: Path, name: str):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(case_makers()))
-@pytest.mark.parametrize("part", [3, evidence(1)])
+@pytest.mark.parametrize("part", [6, evidence(1)])
 def test_many_crude_sensors_are_calibrated(tmp_path: Path, name: str, part: int):
     often = 60 if name.startswith("ship") or "found" in name else 20
     assert_accepted(tmp_path, name, range(SOME.get(name, often) // part))
