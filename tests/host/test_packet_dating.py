@@ -97,7 +97,7 @@ def slow_cases(*values: Iterable[object]) -> list[object]:
 @pytest.mark.parametrize(
     ("bits", "seconds", "buffer"),
     [
-        ("16 bits", 4.0, ALL),
+        pytest.param("16 bits", 4.0, ALL, marks=pytest.mark.slow),
         ("8 bits", 12.8, 20000.0),
         *slow_cases(LAYOUTS, (1.5, 7.7, 30.0), (ALL, 20000.0, 0.0)),
     ],

@@ -15,6 +15,7 @@ from tests.accuracy.turntable_filters import FilterOutcome, Step
 from tests.accuracy.turntable_filters import accelerometer as dense_accelerometer
 from tests.accuracy.turntable_filters import gyro as dense_gyro
 from tests.accuracy.turntable_filters import smoothing_correction as dense_smoothed
+from tests.base_seeds import chosen
 from tests.methods.turntable_cases import (
     ARCSEC,
     bench,
@@ -458,9 +459,12 @@ def test_a_fast_table_is_followed_as_honestly_as_a_slow_one(
 
 @pytest.mark.parametrize(
     ("hz", "true", "stated", "sd"),
-    [(100, 20, 20, 5), (100, 150, 150, 5), (100, 200, 200, 5), (100, 700, 700, 5),
-     (100, 0, 0, 12), (100, 10, 0, 10), (100, -10, 0, 10), (100, 20, 20, 0),
-     (1000, 100, 100, 5)],
+    chosen(
+        [(100, 20, 20, 5), (100, 150, 150, 5), (100, 200, 200, 5), (100, 700, 700, 5),
+         (100, 0, 0, 12), (100, 10, 0, 10), (100, -10, 0, 10), (100, 20, 20, 0),
+         (1000, 100, 100, 5)],
+        [(100, 20, 20, 5), (100, 700, 700, 5), (100, 10, 0, 10), (100, 20, 20, 0)],
+    ),
 )  # fmt: skip
 def test_a_readback_is_as_late_as_is_stated(hz: float, true: float, stated: float, sd: float):
     table = turntable.Table(latency=true * 1e-3)

@@ -7,6 +7,7 @@ from math import radians
 import numpy as np
 import pytest
 from tests.accuracy import turntable as tt
+from tests.base_seeds import evidence
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
@@ -163,7 +164,7 @@ def test_one_row_lost_while_turning_is_found_where_it_is(path: str, seed: int, w
         )  # fmt: skip
 
 
-@pytest.mark.parametrize("where", ["turn", "change", "rest"])
+@pytest.mark.parametrize("where", ["turn", evidence("change"), "rest"])
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_one_sample_of_the_sensor_alone_is_found_between_changes_of_rate(
