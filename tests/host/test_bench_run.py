@@ -165,6 +165,7 @@ def test_an_axis_whose_encoder_stands_is_switched_off_and_said_to_turn(
     assert abs(axis.rate) > 1
 
 
+@pytest.mark.slow
 def test_a_table_that_is_gone_ends_the_run_in_words(
     tmp_path: Path, broken: BenchSimulator, monkeypatch: pytest.MonkeyPatch
 ):

@@ -77,7 +77,7 @@ def by_recording(run: Run) -> dict[str, FilterResult]:
     ("estimator", "keys"),
     [
         evidence("full", {}),
-        ("drift", {}),
+        pytest.param("drift", {}, marks=pytest.mark.slow),
         pytest.param("paper", {}, marks=pytest.mark.slow),
         (
             "full",

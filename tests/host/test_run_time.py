@@ -95,6 +95,7 @@ def rotate_once(driven: Watched) -> None:
     """Do nothing: the plan is carried out."""
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_from_the_largest_time_in_its_log_by_as_long_as_it_had_no_host(
     tmp_path: Path, bench: InProcessBench, run: Run
 ):
@@ -120,6 +121,7 @@ def test_a_host_that_was_started_anew_takes_the_time_of_the_tables_clock(
     assert resumed.done, resumed.trouble
 
 
+@pytest.mark.slow
 def test_a_counter_that_began_anew_is_reported_before_anything_moves(
     tmp_path: Path, bench: InProcessBench, run: Run
 ):

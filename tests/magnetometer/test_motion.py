@@ -60,7 +60,7 @@ def test_coefficients_biases_and_delay_are_found_within_4_u(device: int, noise: 
     assert one.judged.grade == "consistent"
 
 
-@pytest.mark.parametrize("delay", [-0.0173, 0.0, 0.0411])
+@pytest.mark.parametrize("delay", [evidence(-0.0173), evidence(0.0), 0.0411])
 def test_a_delay_between_samples_is_found(delay: float):
     one = moved(4, delay=delay, every=1)
     require_true(one)

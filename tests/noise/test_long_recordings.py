@@ -174,6 +174,7 @@ def test_what_blocks_cannot_take_is_refused_with_its_place(
         assert "row 150001" in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_the_verb_takes_a_long_log_in_blocks_by_itself(
     table: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.signal import butter, freqz, lfilter
+from tests.base_seeds import evidence
 from tests.noise.filtered_generator import DEG_H, DEG_SQRT_H, FilteredTruth, readings
 from tests.noise.generator import MEMS, draw
 from tests.program import run_program
@@ -330,6 +331,7 @@ def test_an_axis_without_a_random_walk_counts_with_its_limit():
     assert float(walk[0]) == pytest.approx(triad.values["K"][0], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_what_another_analysis_wrote_is_replaced_and_the_filter_is_printed(
     reports_dir: Path, tmp_path: Path
 ):
@@ -349,6 +351,7 @@ def test_what_another_analysis_wrote_is_replaced_and_the_filter_is_printed(
     assert 'unit = "LSB"' in text
 
 
+@pytest.mark.slow
 def test_a_recording_in_blocks_has_the_filter_of_one_in_the_memory():
     truth = FilteredTruth("pole", 20, seconds=1500, step=0.002)
     y = readings(truth, 5)[:, None]
@@ -379,7 +382,7 @@ def test_coarse_steps_hide_no_noise_that_a_filter_made_slow():
     inercal.analyse_noise(one, kinds=())
 
 
-@pytest.mark.parametrize(("name", "size"), [("gyro", 1 / 4770), ("acc", 1 / 415)])
+@pytest.mark.parametrize(("name", "size"), [("gyro", 1 / 4770), evidence("acc", 1 / 415)])
 def test_a_public_imu_at_rest_has_one_filter_on_all_axes(data_dir: Path, name: str, size: float):
     table = np.loadtxt(data_dir / "xsens_mti_multiposition" / f"xsens_{name}.mat")
     rest = table[table[:, 0] < 45.0]

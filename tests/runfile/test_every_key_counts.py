@@ -151,7 +151,12 @@ SAMPLE = (
     "turntable_kalman",
 )
 CASES = [
-    *(pytest.param(case, id=name) for name, case in QUICK.items()),
+    *(
+        pytest.param(
+            case, id=name, marks=[pytest.mark.slow] * (name in ("temperature_ramp", "tumble"))
+        )
+        for name, case in QUICK.items()
+    ),
     *(
         pytest.param(
             case, id=name, marks=pytest.mark.slow if name in SAMPLE else pytest.mark.evidence

@@ -92,7 +92,9 @@ def readback_on_own_clock(
 
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("seed", DENSE_SEEDS)
-@pytest.mark.parametrize(("offset", "drift"), [(0.95, 1e-3), (-0.95, -1e-3), (0.0137, 2e-5)])
+@pytest.mark.parametrize(
+    ("offset", "drift"), [evidence(0.95, 1e-3), (-0.95, -1e-3), (0.0137, 2e-5)]
+)
 def test_offset_and_rate_of_the_tables_clock_are_found_within_their_deviations(
     path: str, seed: int, offset: float, drift: float
 ):

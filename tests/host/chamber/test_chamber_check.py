@@ -6,6 +6,7 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 import pytest
+from tests.base_seeds import evidence
 from tests.host.chamber.simulated_f4t import SimulatedF4t
 from tests.refusals import refused
 
@@ -172,7 +173,9 @@ def test_the_driver_of_the_f4t_passes(unit: int):
     assert failed(results) == set(), results
 
 
-@pytest.mark.parametrize("form", ["scpi-chamber://127.0.0.1:{}", "scpi-chamber:tcp://localhost:{}"])
+@pytest.mark.parametrize(
+    "form", ["scpi-chamber://127.0.0.1:{}", evidence("scpi-chamber:tcp://localhost:{}")]
+)
 def test_the_scpi_driver_passes_in_both_forms_of_its_address(form: str):
     with served(SimulatedScpiChamber()) as server:
         results = check(server, form.format(server.port) + "?output=1&low=-70&high=150")
