@@ -1,6 +1,7 @@
 """Rests found in simulated sessions, whose true rests are known, and in two real logs."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,7 @@ def ranges(rests: RestDetection) -> Ranges:
     return [(mark.start, mark.stop) for mark in rests.marks]
 
 
+@cache
 def made(seed: int = 1, *, noise: float = 1.0, **changes: Any) -> Made:
     """Return a session of 16 rests of 3 s and moves of 1.5 s, but for the changes."""
     rng = np.random.default_rng(seed)

@@ -41,7 +41,7 @@ def turntable_study(two_devices: turntable_trials.TurntableTrials) -> Study:
 @pytest.fixture(
     params=[
         "centrifuge_study",
-        "dual_orthogonal_study",
+        pytest.param("dual_orthogonal_study", marks=pytest.mark.slow),
         "ship_model_study",
         pytest.param("turntable_study", marks=pytest.mark.evidence),
     ]
