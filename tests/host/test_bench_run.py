@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.host.simulated_runs import SHORT, Act, Ended, Interfered, carried_out, made, plan
 
 from inercal.host.addresses import open_table
@@ -127,7 +128,10 @@ def test_an_imu_that_falls_silent_for_good_ends_the_run_with_the_table_at_rest(
 
 @pytest.mark.parametrize(
     ("fault", "words"),
-    [("amplifier 2", "amplifier"), pytest.param("jammed 2", "middle", marks=pytest.mark.slow)],
+    [
+        pytest.param("amplifier 2", "amplifier", marks=pytest.mark.slow),
+        evidence("jammed 2", "middle"),
+    ],
 )
 def test_a_fault_of_the_table_ends_the_run_with_the_axis_named_and_the_table_at_rest(
     tmp_path: Path, broken: BenchSimulator, fault: str, words: str
