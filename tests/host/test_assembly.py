@@ -176,7 +176,7 @@ def test_a_first_rest_that_was_interrupted_is_left_out_of_the_recording(run: Run
     assert block.time[0] == 0
     assert block.table[0] == pytest.approx(first[1].start_time, abs=0.02)
     assert block.hold[block.hold >= 0][0] == 0
-    for cuts in list(schedules(len(logged)))[1:3]:
+    for cuts in list(schedules(len(logged)))[2:3]:
         parts = taken(run, logged, cuts)[1]
         assert parts.time.tobytes() == block.time.tobytes()
         assert parts.hold.tobytes() == block.hold.tobytes()

@@ -106,6 +106,7 @@ def test_an_imu_that_is_unplugged_has_the_run_pause_and_go_on_when_it_is_back(
     assert [label for label, _, _ in ended.sections] == ["warm-up", "y up", "z+", "rest"]
 
 
+@pytest.mark.slow
 def test_an_imu_that_falls_silent_for_good_ends_the_run_with_the_table_at_rest(
     tmp_path: Path, bench: BenchSimulator
 ):
@@ -258,6 +259,7 @@ def test_an_operator_may_pause_a_run_and_let_it_go_on(tmp_path: Path, bench: Ben
     assert "paused by the operator" in ended.words
 
 
+@pytest.mark.slow
 def test_an_operator_may_stop_a_run_and_resume_it(tmp_path: Path, bench: BenchSimulator):
     ended = run_with(tmp_path, bench, "y up", "approach", lambda run: run.request("stop"))
     assert not ended.done

@@ -57,6 +57,7 @@ def bits(found: Mapping[str, PartialEstimate]) -> dict[str, tuple[object, ...]]:
     }
 
 
+@pytest.mark.evidence
 def test_a_run_by_a_method_from_outside_is_estimated_live_to_its_end(whole: Whole):
     assert whole.ended.done, whole.ended.words
     account = whole.ended.run.recorder
@@ -74,6 +75,7 @@ def test_a_run_by_a_method_from_outside_is_estimated_live_to_its_end(whole: Whol
     assert 0.95 < squares / components < 1.05
 
 
+@pytest.mark.evidence
 def test_its_live_estimate_is_that_of_the_recording_to_the_last_bit(whole: Whole):
     live, run, track = whole.ended.run.recorder.live_estimator, whole.run, whole.track
     assert live is not None

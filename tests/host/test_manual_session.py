@@ -96,7 +96,7 @@ def test_an_angle_or_a_rate_beyond_the_limits_is_refused_before_anything_moves(m
         assert reason in words
 
 
-@pytest.mark.parametrize("sign", [-1, 1])
+@pytest.mark.parametrize("sign", [-1, evidence(1)])
 def test_a_jog_into_a_limit_stops_before_it_though_the_key_is_held(my: ByHand, sign: int):
     my.limit(3, -10, 10)
     begun = jog("inner", my, rate=sign * RATE)

@@ -188,7 +188,7 @@ def test_angles_beside_an_outage_through_a_stop_are_not_usable(run: Run):
     assert off[usable].max() < 20 * ARCSEC
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", chosen(range(3), (0,)))
 def test_the_filter_goes_through_an_outage_at_a_stop_by_the_gyros(run: Run, seed: int):
     """Angles interpolated through the stop gave a NIS of hundreds and biases that were off."""
     bench = Bench(run, seed=seed)

@@ -135,6 +135,7 @@ def test_a_counter_that_began_anew_is_reported_before_anything_moves(
     assert not [line for line in bench.commands if "J=" in line or "HM" in line]
 
 
+@pytest.mark.slow
 def test_a_host_that_is_kept_from_its_interlocks_pauses_and_repeats_the_step(
     tmp_path: Path, bench: InProcessBench, run: Run
 ):

@@ -133,7 +133,7 @@ def test_wrong_accelerometers_that_are_taken_as_exact_raise_chi_squared(seed):
     assert chi2 / dof > 1 + 2 * band(dof, 1)
 
 
-@pytest.mark.parametrize(("seed", "count"), sampled(60, 100))
+@pytest.mark.parametrize(("seed", "count"), sampled(80, 100))
 def test_cross_covariance_predicts_the_effect_of_the_accelerometers_error(seed, count):
     """What the known error does not explain has the remaining covariance."""
     errors, along, length = [], 0.0, 0.0

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.methods import systematic_table as made
 from tests.methods.systematic_cases import (
     METHOD,
@@ -49,7 +50,7 @@ def track_of(recorded: made.Recorded, sensor: Sensor) -> Track:
     return track
 
 
-@pytest.mark.parametrize("grade", ["N", "T"])
+@pytest.mark.parametrize("grade", ["N", evidence("T")])
 def test_without_noise_the_filter_finds_every_coefficient(grade: str):
     sensor = sensor_of(made.GRADES[grade])
     recorded = device(grade, noisy=False, rate=100.0)

@@ -15,7 +15,7 @@ from tests.accuracy.turntable_filters import FilterOutcome, Step
 from tests.accuracy.turntable_filters import accelerometer as dense_accelerometer
 from tests.accuracy.turntable_filters import gyro as dense_gyro
 from tests.accuracy.turntable_filters import smoothing_correction as dense_smoothed
-from tests.base_seeds import chosen
+from tests.base_seeds import chosen, evidence
 from tests.methods.turntable_cases import (
     ARCSEC,
     bench,
@@ -441,7 +441,7 @@ def both_ways(rate: float, table: turntable.Table) -> turntable.Draw:
 
 @pytest.mark.parametrize(
     ("rate", "acceleration", "jerk"),
-    [(100, 300, 3000), (60, 100, 500), (100, 300, None), (30, 30, None)],
+    [(100, 300, 3000), evidence(60, 100, 500), (100, 300, None), evidence(30, 30, None)],
 )
 def test_a_fast_table_is_followed_as_honestly_as_a_slow_one(
     rate: float, acceleration: float, jerk: float | None

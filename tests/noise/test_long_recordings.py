@@ -79,7 +79,7 @@ def at_once(table: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> Nois
     return analyse_noise(read_rest_recording(path, UNIT), terms="NBK", kinds=())
 
 
-@pytest.mark.parametrize("kind", chosen(FORMATS, ("csv", "npz", "packed.h5")))
+@pytest.mark.parametrize("kind", chosen(FORMATS, ("csv", "packed.h5")))
 def test_blocks_of_each_format_give_the_coefficients_of_the_whole(
     kind: str, table: np.ndarray, tmp_path: Path, at_once: NoiseAnalysis
 ):

@@ -175,6 +175,7 @@ def test_a_filter_near_the_flicker_is_refused_by_name(cutoff: float):
         sensor_noise(analysis)
 
 
+@pytest.mark.slow
 def test_nothing_is_written_of_a_refused_channel(tmp_path: Path):
     truth = FilteredTruth("pole", 0.1, 20, seconds=900, flicker=10.0)
     y = readings(truth, 1)
@@ -247,6 +248,7 @@ def test_what_is_not_significant_has_an_interval_with_zero():
     assert absent > 1
 
 
+@pytest.mark.slow
 def test_the_report_behind_20_hz_gives_the_plateau_no_flicker_and_a_page_with_its_filter(
     reports_dir: Path, tmp_path: Path
 ):
@@ -272,6 +274,7 @@ def test_the_report_behind_20_hz_gives_the_plateau_no_flicker_and_a_page_with_it
     assert float(gyro["random_walk"].split()[0]) > 0
 
 
+@pytest.mark.slow
 def test_the_report_of_white_noise_gives_files_without_a_zero_that_exports_take(
     reports_dir: Path, tmp_path: Path
 ):

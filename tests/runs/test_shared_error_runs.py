@@ -83,6 +83,7 @@ def test_another_statement_moves_the_coefficients_by_p_over_u_squared(
     assert shared_errors(after)[error].determination != shared_errors(before)[error].determination
 
 
+@pytest.mark.slow
 def test_one_statement_is_one_determination_and_gravity_is_of_the_place(tmp_path: Path):
     arm, table = (
         example(tmp_path, name) for name in ("centrifuge/lab.toml", "rate_table/ship.toml")

@@ -97,6 +97,7 @@ def path_table(folder: Path, angles: list[tuple[int, int, int]]) -> None:
     (folder / "path.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_plan_warns_of_turns_about_the_vertical_with_the_axis(tmp_path: Path):
     # z turns about the vertical only; x and y about level axes
     path_table(

@@ -42,7 +42,7 @@ def turntable_study(two_devices: turntable_trials.TurntableTrials) -> Study:
     params=[
         "centrifuge_study",
         pytest.param("dual_orthogonal_study", marks=pytest.mark.slow),
-        "ship_model_study",
+        pytest.param("ship_model_study", marks=pytest.mark.slow),
         pytest.param("turntable_study", marks=pytest.mark.evidence),
     ]
 )

@@ -209,6 +209,7 @@ def test_combinations_left_open():
     assert left < 1e-12
 
 
+@pytest.mark.slow
 def test_the_budget_is_the_autocollimators():
     found = error_allocation.item_errors("patent", 500, 4)
     k0 = {name: rms(by_column["K0"]).value for name, by_column in found.items()}
