@@ -238,6 +238,7 @@ def test_a_clock_that_wraps_within_the_check_needs_the_right_period(
     assert failed(results) == found_by, results
 
 
+@pytest.mark.slow
 def test_a_driver_for_a_network_only_passes_at_both_forms_of_its_address():
     with template(change("spindle", "address.link()", "address.tcp()")) as server:
         assert failed(check(server, f"spindle:{server.address}")) == set()

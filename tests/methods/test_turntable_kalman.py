@@ -91,7 +91,7 @@ def of_accelerometers(made: turntable.Draw) -> Dense:
     return run
 
 
-@pytest.mark.parametrize(("states", "chosen"), [(15, False), (19, True)])
+@pytest.mark.parametrize(("states", "chosen"), [evidence(15, False), (19, True)])
 def test_gyros_filter_is_the_notes(
     smooth: turntable.Draw, of_gyros: Dense, states: int, chosen: bool
 ):

@@ -385,7 +385,10 @@ def test_coarse_steps_hide_no_noise_that_a_filter_made_slow():
     inercal.analyse_noise(one, kinds=())
 
 
-@pytest.mark.parametrize(("name", "size"), [("gyro", 1 / 4770), evidence("acc", 1 / 415)])
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [pytest.param("gyro", 1 / 4770, marks=pytest.mark.slow), evidence("acc", 1 / 415)],
+)
 def test_a_public_imu_at_rest_has_one_filter_on_all_axes(data_dir: Path, name: str, size: float):
     table = np.loadtxt(data_dir / "xsens_mti_multiposition" / f"xsens_{name}.mat")
     rest = table[table[:, 0] < 45.0]

@@ -114,6 +114,7 @@ def test_a_sensor_that_scatters_more_than_its_type_is_not_pooled(address: str):
     assert by_name["ay.k0"].sensors == OTHERS + 1
 
 
+@pytest.mark.slow
 def test_the_verb_and_the_page_say_over_how_many_sensors(address: str, tmp_path: Path):
     page = tmp_path / "new.html"
     ended = run_program(
