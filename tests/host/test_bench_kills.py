@@ -151,7 +151,7 @@ def test_a_run_killed_at_twelve_more_moments_is_finished_by_resume(
     killed_and_resumed(tmp_path / "run", unbroken, share)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_a_host_that_freezes_has_its_table_stopped_and_repeats_the_step(tmp_path: Path):
     run = plan(tmp_path / "plan", SHORT.replace("outer,90,30", "outer,1080,30"))
     precompile_run(run)

@@ -236,7 +236,7 @@ def test_flicker_over_four_minutes_is_as_stated(base: int):
         assert abs(one.nees - 1) <= band(devices=60)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_g_sensitivity_as_a_state_costs_little():
     device = turntable.Device(by_g=radians(50) / 3600 / turntable.G)
     rows = []

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.program import run_program
 from tests.refusals import refused
 from tests.store.calibration_generator import G0, IMU, Truth, content, hashed, write
@@ -159,7 +160,7 @@ def _trend(rng: np.random.Generator, count: int, tau: float, q: float, b: float)
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("tau", "q", "b"), [(1, 0, 0), (0.5, 0, 1), (0.5, 1, 0)])
+@pytest.mark.parametrize(("tau", "q", "b"), [evidence(1, 0, 0), (0.5, 0, 1), evidence(0.5, 1, 0)])
 @pytest.mark.parametrize(("count", "least", "most"), [(2, 0.895, 1.0), (3, 0.895, 0.985)])
 @pytest.mark.slow
 def test_u_after_an_interval_covers_the_next_use_of_another_sensor(
