@@ -62,7 +62,7 @@ def schedules(n: int) -> Iterator[list[int]]:
     rng = np.random.default_rng(5)
     # One by one about the outage.
     yield [*range(20, n // 3, 20), *range(n // 3, 2 * n // 3), *range(2 * n // 3, n, 20)]
-    for pieces in (3, 40, 1500):
+    for pieces in (3, 40):
         yield np.sort(rng.choice(np.arange(1, n), pieces, replace=False)).tolist()
 
 
@@ -176,7 +176,7 @@ def test_a_first_rest_that_was_interrupted_is_left_out_of_the_recording(run: Run
     assert block.time[0] == 0
     assert block.table[0] == pytest.approx(first[1].start_time, abs=0.02)
     assert block.hold[block.hold >= 0][0] == 0
-    for cuts in list(schedules(len(logged)))[1:3]:
+    for cuts in list(schedules(len(logged)))[2:3]:
         parts = taken(run, logged, cuts)[1]
         assert parts.time.tobytes() == block.time.tobytes()
         assert parts.hold.tobytes() == block.hold.tobytes()
@@ -197,7 +197,7 @@ def test_a_gap_in_a_hold_begins_another(run: Run):
     assert set(block.hold[(when > 20.7) & (when < 25)]) == {1}
 
 
-@pytest.mark.parametrize("wraps", [290.0, 1e9])
+@pytest.mark.parametrize("wraps", [290.0, pytest.param(1e9, marks=pytest.mark.slow)])
 def test_a_clock_that_was_set_anew_is_refused(run: Run, wraps: float):
     bench = Bench(run, seed=8, wraps=wraps, faults=Faults(outages=((33.0, 60.0),)))
     logged = bench.frames()
@@ -224,13 +224,13 @@ def replace_time(frame: LogFrame, time: float) -> LogFrame:
 
 def test_an_imu_that_was_silent_for_longer_than_half_its_counters_turn_is_followed(run: Run):
     """In one session: the decoder alone would take the step for one back."""
-    longer = PATH.replace("warm-up,position,0,0,0,24", "warm-up,position,0,0,0,260")
+    longer = PATH.replace("warm-up,position,0,0,0,24", "warm-up,position,0,0,0,225")
     slow = run_file(run.path.parent, longer)
-    bench = Bench(slow, seed=9, faults=Faults(silent=((30.0, 230.0),)))
+    bench = Bench(slow, seed=9, faults=Faults(silent=((20.0, 195.0),)))
     _, block = taken(slow, bench.frames())
     k = int(np.argmax(np.diff(block.time)))
-    assert block.time[k + 1] - block.time[k] == pytest.approx(200.0, abs=0.03)
-    assert block.table[-1] - bench.servo > 270
+    assert block.time[k + 1] - block.time[k] == pytest.approx(175.0, abs=0.03)
+    assert block.table[-1] - bench.servo > 235
 
 
 def test_a_torn_frame_at_the_end_loses_what_it_held(

@@ -11,7 +11,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from tests.base_seeds import chosen
 from tests.host.journal_sections import sections_done
 from tests.host.simulated_runs import INERCAL, SHORT, plan, quick
 
@@ -133,10 +132,10 @@ def killed_and_resumed(folder: Path, unbroken: Unbroken, share: float) -> None:
 MOMENTS = np.random.default_rng(20).uniform(0.01, 1.0, 20).round(4).tolist()
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize(
     "share",
-    chosen(MOMENTS[:8], MOMENTS[1:2]),
+    MOMENTS[:8],
 )
 def test_a_run_killed_at_any_moment_is_finished_by_resume(
     tmp_path: Path, unbroken: Unbroken, share: float
@@ -152,7 +151,7 @@ def test_a_run_killed_at_twelve_more_moments_is_finished_by_resume(
     killed_and_resumed(tmp_path / "run", unbroken, share)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_a_host_that_freezes_has_its_table_stopped_and_repeats_the_step(tmp_path: Path):
     run = plan(tmp_path / "plan", SHORT.replace("outer,90,30", "outer,1080,30"))
     precompile_run(run)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.host.simulated_runs import SHORT, Act, Ended, Interfered, carried_out, made, plan
 
 from inercal.host.addresses import open_table
@@ -105,6 +106,7 @@ def test_an_imu_that_is_unplugged_has_the_run_pause_and_go_on_when_it_is_back(
     assert [label for label, _, _ in ended.sections] == ["warm-up", "y up", "z+", "rest"]
 
 
+@pytest.mark.slow
 def test_an_imu_that_falls_silent_for_good_ends_the_run_with_the_table_at_rest(
     tmp_path: Path, bench: BenchSimulator
 ):
@@ -127,7 +129,10 @@ def test_an_imu_that_falls_silent_for_good_ends_the_run_with_the_table_at_rest(
 
 @pytest.mark.parametrize(
     ("fault", "words"),
-    [("amplifier 2", "amplifier"), pytest.param("jammed 2", "middle", marks=pytest.mark.slow)],
+    [
+        pytest.param("amplifier 2", "amplifier", marks=pytest.mark.slow),
+        evidence("jammed 2", "middle"),
+    ],
 )
 def test_a_fault_of_the_table_ends_the_run_with_the_axis_named_and_the_table_at_rest(
     tmp_path: Path, broken: BenchSimulator, fault: str, words: str
@@ -142,6 +147,7 @@ def test_a_fault_of_the_table_ends_the_run_with_the_axis_named_and_the_table_at_
     assert at_rest(broken)
 
 
+@pytest.mark.slow
 def test_an_axis_whose_encoder_stands_is_switched_off_and_said_to_turn(
     tmp_path: Path, broken: BenchSimulator
 ):
@@ -164,6 +170,7 @@ def test_an_axis_whose_encoder_stands_is_switched_off_and_said_to_turn(
     assert abs(axis.rate) > 1
 
 
+@pytest.mark.slow
 def test_a_table_that_is_gone_ends_the_run_in_words(
     tmp_path: Path, broken: BenchSimulator, monkeypatch: pytest.MonkeyPatch
 ):
@@ -252,6 +259,7 @@ def test_an_operator_may_pause_a_run_and_let_it_go_on(tmp_path: Path, bench: Ben
     assert "paused by the operator" in ended.words
 
 
+@pytest.mark.slow
 def test_an_operator_may_stop_a_run_and_resume_it(tmp_path: Path, bench: BenchSimulator):
     ended = run_with(tmp_path, bench, "y up", "approach", lambda run: run.request("stop"))
     assert not ended.done

@@ -5,6 +5,7 @@ from math import radians
 from pathlib import Path
 
 import pytest
+from tests.base_seeds import evidence
 from tests.host.in_process_bench import ADDRESSES, InProcessBench
 from tests.host.simulated_runs import plan
 
@@ -136,10 +137,10 @@ class Disturbed(BenchRun):
 @pytest.mark.parametrize(
     ("label", "phase", "line"),
     [
-        ("y up", "work", b"#2J=0"),  # out of a hold
+        evidence("y up", "work", b"#2J=0"),  # out of a hold
         ("z+", "work", b"#1J-"),  # against the turn
         ("z+", "work", b"I322=5 I319=1 #3J=200000"),  # an axis that rests while another turns
-        ("z+", "approach", b"#2J=3600000"),
+        evidence("z+", "approach", b"#2J=3600000"),
     ],
 )
 def test_a_run_whose_table_another_program_commands_ends_with_the_table_stopped(

@@ -111,7 +111,7 @@ def calibrated(
         return finish_run(made(folder), journal).outcome
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_a_run_of_a_frozen_host_has_the_result_of_one_that_was_not(
     tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.special import chdtri
+from tests.base_seeds import chosen
 from tests.benches.generated_runs import (
     calibrate_run,
     kind_for,
@@ -42,7 +43,7 @@ def asked(run: Run, readings: dict[str, list[float]]) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("method", WITH_SHEET)
+@pytest.mark.parametrize("method", chosen(WITH_SHEET, ("ferraris", "rates_and_poses")))
 def test_errors_of_what_was_measured_are_as_stated(method: str, tmp_path: Path):
     more = "turns = 10" if kind_for(method).rows_of_table else ""
     run = simulate_run(write_run(method, tmp_path, more), 1)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Self
 
 import pytest
+from tests.base_seeds import evidence
 from tests.host.guided_runs import Voltmeter, serve
 from tests.host.visa_meters import Meters
 from tests.program import run_program
@@ -153,9 +154,9 @@ class ClosedOnce(LineMeter):
         (WithoutReconnection, {"faulty link"}),
         (WithoutOverload, {"overload"}),
         (WithoutUnit, {"readings", "short timeout"}),
-        (WithLastReading, {"faulty link"}),
+        evidence(WithLastReading, {"faulty link"}),
         (WithLateReply, {"faulty link"}),
-        (WithLooseNumbers, {"faulty link"}),
+        evidence(WithLooseNumbers, {"faulty link"}),
         (ClosedOnce, {"close"}),
     ],
 )

@@ -112,6 +112,7 @@ def test_a_server_of_motion_ends_its_thread_whether_or_not_a_table_is_there(
         server.close()
 
 
+@pytest.mark.slow
 def test_the_imus_process_ends_without_a_word_while_its_table_is_there(tmp_path: Path):
     command = [sys.executable, "-P", "-m", "inercal.host.sim.mimu", str(MIMU), "--rate", "200"]
     pipe = subprocess.PIPE

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import chi2
+from tests.base_seeds import evidence
 from tests.host.synthetic_log import LAYOUT, PATH, Bench, Faults, run_file
 from tests.refusals import refused
 
@@ -75,9 +76,9 @@ def by_recording(run: Run) -> dict[str, FilterResult]:
 @pytest.mark.parametrize(
     ("estimator", "keys"),
     [
-        ("full", {}),
-        ("drift", {}),
-        ("paper", {}),
+        evidence("full", {}),
+        pytest.param("drift", {}, marks=pytest.mark.slow),
+        pytest.param("paper", {}, marks=pytest.mark.slow),
         (
             "full",
             {

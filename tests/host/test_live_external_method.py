@@ -57,6 +57,7 @@ def bits(found: Mapping[str, PartialEstimate]) -> dict[str, tuple[object, ...]]:
     }
 
 
+@pytest.mark.evidence
 def test_a_run_by_a_method_from_outside_is_estimated_live_to_its_end(whole: Whole):
     assert whole.ended.done, whole.ended.words
     account = whole.ended.run.recorder
@@ -64,8 +65,17 @@ def test_a_run_by_a_method_from_outside_is_estimated_live_to_its_end(whole: Whol
     assert account.live_estimator is not None
     assert account.live_estimator.names == ("gx.bias", "gy.bias", "gz.bias")
     assert np.isfinite([account.live_estimator.values, account.live_estimator.std]).all()
+    live, run = account.live_estimator, whole.run
+    truth = np.array([run.truth[name] for name in live.names])
+    # A rest of half a minute; scale and misalignment act on the earth's rate alone.
+    slow = np.array([axis.noise.bias_instability for axis in run.sensor.select_axes("w").axes])
+    assert np.all(np.abs(live.values - truth) < 4 * np.hypot(live.std, slow))
+    ((squares, components),) = live.innovations.values()
+    assert components > 3 * 25 * 200
+    assert 0.95 < squares / components < 1.05
 
 
+@pytest.mark.evidence
 def test_its_live_estimate_is_that_of_the_recording_to_the_last_bit(whole: Whole):
     live, run, track = whole.ended.run.recorder.live_estimator, whole.run, whole.track
     assert live is not None
@@ -79,15 +89,3 @@ def test_its_live_estimate_is_that_of_the_recording_to_the_last_bit(whole: Whole
     estimate = whole.finished.outcome.estimate
     assert estimate.value.tobytes() == live.values.tobytes()
     assert "the live estimate is identical to that of the recording" in whole.words
-
-
-def test_it_finds_the_biases_of_the_simulated_gyros(whole: Whole):
-    live, run = whole.ended.run.recorder.live_estimator, whole.run
-    assert live is not None
-    truth = np.array([run.truth[name] for name in live.names])
-    # A rest of half a minute; scale and misalignment act on the earth's rate alone.
-    slow = np.array([axis.noise.bias_instability for axis in run.sensor.select_axes("w").axes])
-    assert np.all(np.abs(live.values - truth) < 4 * np.hypot(live.std, slow))
-    ((squares, components),) = live.innovations.values()
-    assert components > 3 * 25 * 200
-    assert 0.95 < squares / components < 1.05

@@ -8,6 +8,7 @@ from math import degrees, radians
 from pathlib import Path
 
 import pytest
+from tests.base_seeds import evidence
 from tests.host.by_hand import Act, ByHand, Moment, pmac_of
 from tests.host.simulated_runs import plan
 
@@ -56,7 +57,7 @@ def rests_from(my: ByHand, axis: int) -> float:
     return max(one.time for one in my.trace if abs(one.rates[axis]) > 0.5)
 
 
-@pytest.mark.parametrize("last", [2.5, 2.53, 2.57, 2.61])
+@pytest.mark.parametrize("last", [2.53, *map(evidence, (2.5, 2.57, 2.61))])
 def test_a_jog_whose_messages_cease_brakes_within_0_3_s(my: ByHand, last: float):
     held = [*holds(my, 1.0, 2.4), (last, my.ask("hold", press=1))]
     my.operate(*on(my, "inner"), jog("inner", my), *held, until=6)
@@ -95,7 +96,7 @@ def test_an_angle_or_a_rate_beyond_the_limits_is_refused_before_anything_moves(m
         assert reason in words
 
 
-@pytest.mark.parametrize("sign", [-1, 1])
+@pytest.mark.parametrize("sign", [-1, evidence(1)])
 def test_a_jog_into_a_limit_stops_before_it_though_the_key_is_held(my: ByHand, sign: int):
     my.limit(3, -10, 10)
     begun = jog("inner", my, rate=sign * RATE)

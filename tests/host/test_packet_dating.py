@@ -87,9 +87,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recorded]:
 
 
 def slow_cases(*values: Iterable[object]) -> list[object]:
-    """Return all combinations: one of four is slow, the others are for `make evidence`."""
+    """Return all combinations: one of eight is slow, the others are for `make evidence`."""
     return [
-        pytest.param(*one, marks=pytest.mark.evidence if k % 4 else pytest.mark.slow)
+        pytest.param(*one, marks=pytest.mark.evidence if k % 8 else pytest.mark.slow)
         for k, one in enumerate(product(*values))
     ]
 
@@ -97,7 +97,7 @@ def slow_cases(*values: Iterable[object]) -> list[object]:
 @pytest.mark.parametrize(
     ("bits", "seconds", "buffer"),
     [
-        ("16 bits", 4.0, ALL),
+        pytest.param("16 bits", 4.0, ALL, marks=pytest.mark.slow),
         ("8 bits", 12.8, 20000.0),
         *slow_cases(LAYOUTS, (1.5, 7.7, 30.0), (ALL, 20000.0, 0.0)),
     ],

@@ -45,7 +45,7 @@ print("done" if ended.done else ended.words)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["turntable_kalman", evidence("turntable_discrete")])
+@pytest.mark.parametrize("method", [evidence("turntable_kalman"), "turntable_discrete"])
 def test_a_run_compiles_nothing_more(tmp_path: Path, method: str):
     made = subprocess.run(
         [sys.executable, "-c", RUN, str(tmp_path), method],
@@ -73,7 +73,14 @@ def test_a_process_of_the_bench_says_that_it_compiles_only_when_it_does(
     assert compiled == ["", "ready", "ready"]
 
 
-@pytest.mark.parametrize("name", ["fixed", "ascii", "novatel", "vn100", "xsens"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "fixed",
+        "ascii",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("novatel", "vn100", "xsens")),
+    ],
+)
 def test_a_rest_is_assembled_in_two_pieces_by_packets_of_every_kind(tmp_path: Path, name: str):
     layout: PacketLayout = LAYOUT if name == "fixed" else read_layout(name)
     rate = layout.rate_hz or 200.0

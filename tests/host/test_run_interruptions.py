@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.host.in_process_bench import InProcessBench
 from tests.host.simulated_runs import SHORT, made, plan
 from tests.host.synthetic_log import LAYOUT
@@ -87,9 +88,9 @@ def carry_out(folder: Path, bench: InProcessBench, run: Run, disturb: Disturbanc
 @pytest.mark.parametrize(
     ("disturb", "cause"),
     [
-        (pause, "paused by the operator"),
+        pytest.param(pause, "paused by the operator", marks=pytest.mark.slow),
         pytest.param(freeze, "the host stood still for 7.98 s", marks=pytest.mark.slow),
-        pytest.param(stop, "stopped by the operator", marks=pytest.mark.slow),
+        evidence(stop, "stopped by the operator"),
         pytest.param(kill, "the host was not running", marks=pytest.mark.slow),
         pytest.param(jump, JUMPED, marks=pytest.mark.slow),
     ],

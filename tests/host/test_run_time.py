@@ -9,6 +9,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from tests.base_seeds import evidence
 from tests.host.in_process_bench import InProcessBench
 from tests.host.simulated_runs import plan
 from tests.host.watched_runs import (
@@ -94,6 +95,7 @@ def rotate_once(driven: Watched) -> None:
     """Do nothing: the plan is carried out."""
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_from_the_largest_time_in_its_log_by_as_long_as_it_had_no_host(
     tmp_path: Path, bench: InProcessBench, run: Run
 ):
@@ -108,7 +110,7 @@ def test_a_run_goes_on_from_the_largest_time_in_its_log_by_as_long_as_it_had_no_
     assert begun[0] == pytest.approx(before + 1010.0, abs=0.1)
 
 
-@pytest.mark.parametrize("away", [pytest.param(0.5, marks=pytest.mark.slow), 700.0])
+@pytest.mark.parametrize("away", [evidence(0.5), pytest.param(700.0, marks=pytest.mark.slow)])
 def test_a_host_that_was_started_anew_takes_the_time_of_the_tables_clock(
     tmp_path: Path, bench: InProcessBench, run: Run, away: float
 ):
@@ -119,6 +121,7 @@ def test_a_host_that_was_started_anew_takes_the_time_of_the_tables_clock(
     assert resumed.done, resumed.trouble
 
 
+@pytest.mark.slow
 def test_a_counter_that_began_anew_is_reported_before_anything_moves(
     tmp_path: Path, bench: InProcessBench, run: Run
 ):
@@ -132,6 +135,7 @@ def test_a_counter_that_began_anew_is_reported_before_anything_moves(
     assert not [line for line in bench.commands if "J=" in line or "HM" in line]
 
 
+@pytest.mark.slow
 def test_a_host_that_is_kept_from_its_interlocks_pauses_and_repeats_the_step(
     tmp_path: Path, bench: InProcessBench, run: Run
 ):
@@ -149,6 +153,7 @@ def test_a_host_that_is_kept_from_its_interlocks_pauses_and_repeats_the_step(
     assert warning.time - late[0] < 0.7
 
 
+@pytest.mark.slow
 def test_gyros_that_are_compared_no_more_stop_the_table_though_bytes_come(
     tmp_path: Path, bench: InProcessBench, run: Run
 ):

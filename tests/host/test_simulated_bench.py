@@ -343,6 +343,7 @@ def test_at_a_pace_of_its_own_the_bench_waits_for_nobody():
             assert imu.read(36, 20.0)
 
 
+@pytest.mark.slow
 def test_the_command_serves_without_an_input_until_it_is_interrupted():
     """As a service or by nohup, standard input has ended when it begins."""
     with subprocess.Popen(

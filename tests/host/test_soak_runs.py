@@ -140,7 +140,7 @@ def test_the_recording_has_the_temperatures_and_each_step_of_each_soak(undisturb
             assert np.count_nonzero(np.abs(at - soak_temperature) < 1.0) > 50, one.label
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_a_run_killed_at_five_random_times_gives_the_same_calibration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, undisturbed: Undisturbed
 ):

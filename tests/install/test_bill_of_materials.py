@@ -55,6 +55,7 @@ def test_the_file_has_no_time_and_no_serial_number():
     assert set(DOCUMENT["metadata"]) == {"component"}
 
 
+@pytest.mark.slow
 @same_system
 def test_the_file_is_what_the_tool_writes():
     written = MATERIALS.read_text(encoding="utf-8")

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.base_seeds import evidence
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MODULES = ("fcntl", "termios", "pty", "tty", "grp", "pwd", "resource")
@@ -64,7 +65,7 @@ def test_a_calibration_with_its_report_needs_nothing_of_unix(program: Path, tmp_
     "arguments",
     [
         ("init", "six_position/positions.csv", "--json", "--out"),
-        ("simulate", "ferraris_simulated/run.toml", "--json", "--out"),
+        evidence(("simulate", "ferraris_simulated/run.toml", "--json", "--out")),
     ],
 )
 def test_other_verbs_need_nothing_of_unix(
@@ -78,6 +79,7 @@ def test_other_verbs_need_nothing_of_unix(
     assert result.exists()
 
 
+@pytest.mark.slow
 def test_workers_are_spawned(program: Path, tmp_path: Path):
     run_file = EXAMPLES / "six_position" / "run.toml"
     options = ("--trials", "4", "--workers", "2", "--json", "--out", tmp_path)

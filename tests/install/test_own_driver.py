@@ -15,6 +15,8 @@ ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "examples" / "own_driver"
 UV = which("uv", path=str(Path(sys.executable).parent)) or which("uv")
 
+pytestmark = pytest.mark.slow  # `tests/host/test_driver_check.py` checks the template in fast tests
+
 
 @pytest.fixture(scope="module")
 def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -77,6 +79,7 @@ def test_the_installed_driver_is_found_by_its_address_and_passes_all_checks(
     assert all(one["passed"] for one in results)
 
 
+@pytest.mark.evidence
 def test_a_failed_check_ends_with_status_1(python: Path, tmp_path: Path):
     with simulator(python, tmp_path) as place:
         # A pace of 1 is wrong for this simulator, so its clock is too fast.
@@ -86,6 +89,7 @@ def test_a_failed_check_ends_with_status_1(python: Path, tmp_path: Path):
     assert failed == ["clock"]
 
 
+@pytest.mark.evidence
 def test_the_templates_own_tests_pass(python: Path, tmp_path: Path):
     (tmp_path / "test_spindle.py").write_bytes((FOLDER / "test_spindle.py").read_bytes())
     program(python, "-m", "pytest", "-q", "test_spindle.py", folder=tmp_path)

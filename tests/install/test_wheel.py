@@ -88,7 +88,7 @@ def test_the_page_of_limits_states_the_size_of_the_wheel(wheel: Path):
     assert float(stated) == pytest.approx(wheel.stat().st_size / MB, abs=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_the_wheel_with_extras_runs_the_demonstration(wheel: Path, tmp_path: Path):
     scripts = environment(tmp_path, f"{wheel}[report,host,io]")
     done = run(scripts / "inercal", "demo", "--quick", "--out", "demo", folder=tmp_path)

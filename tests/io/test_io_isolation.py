@@ -87,6 +87,7 @@ def test_threads_read_at_once(path: Path):
             assert task.result().block.tobytes() == expected.tobytes()
 
 
+@pytest.mark.slow
 def test_what_is_stated_raises_the_limits(path: Path):
     with refused(key="[data] most_values") as refusal:
         read_isolated(KIND, path, functions.hoard)

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.csv  # here: its modules are no memory of a table
 import pyarrow.parquet as pq
 import pytest
+from tests.base_seeds import evidence
 
 from inercal.physics.sensors import imu
 from inercal.recordings import Recording
@@ -63,7 +64,7 @@ def peak() -> Iterator[Callable[[], int]]:
     tracemalloc.stop()
 
 
-@pytest.mark.parametrize("save", [save_csv, save_npz, save_parquet, save_hdf5])
+@pytest.mark.parametrize("save", [save_csv, evidence(save_npz), evidence(save_parquet), save_hdf5])
 def test_reading_and_auditing_need_less_than_double(
     tmp_path: Path,
     save: Callable[[Path, dict[str, np.ndarray]], None],

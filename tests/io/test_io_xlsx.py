@@ -194,7 +194,7 @@ LAUGHS = (
 @pytest.mark.parametrize(
     ("part", "content", "rows"),
     [
-        ("xl/worksheets/sheet1.xml", b"", None),
+        evidence("xl/worksheets/sheet1.xml", b"", None),
         evidence("xl/styles.xml", b"", None),
         ("xl/worksheets/sheet1.xml", SHEET, 2),
         (
@@ -203,7 +203,7 @@ LAUGHS = (
             None,
         ),
         ("xl/worksheets/sheet1.xml", LAUGHS, None),
-        ("xl/workbook.xml", LAUGHS, None),
+        evidence("xl/workbook.xml", LAUGHS, None),
     ],
 )
 def test_a_bomb_costs_little(tmp_path: Path, part: str, content: bytes, rows: int | None):

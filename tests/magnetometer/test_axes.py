@@ -6,6 +6,7 @@ from itertools import permutations, product
 
 import numpy as np
 import pytest
+from tests.base_seeds import sampled
 from tests.magnetometer import generator as sim
 from tests.magnetometer.cases import fit, linear_model, normalised_error
 
@@ -38,8 +39,9 @@ def draw(k, seed):
     return data, "south" if south else "north", reversed_force
 
 
-def test_five_hundred_cases_are_found_or_refused_with_the_right_reason(seed):
-    for k in range(500):
+@pytest.mark.parametrize(("seed", "count"), sampled(96, 500))
+def test_cases_of_all_axes_are_found_or_refused_with_the_right_reason(seed, count):
+    for k in range(count):
         data, hemisphere, reversed_force = draw(k, seed)
         true = AXES[(k // 2) % 48]
         stated = true if k % 2 else np.eye(3)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.magnetometer import generator as sim
 from tests.magnetometer.recorded import recording
 from tests.program import run_program
@@ -40,7 +41,7 @@ def analysed(path: Path, **stated: str) -> NoiseAnalysis:
     return analyse_noise(read_rest_recording(path, {**GYRO, **stated}), terms="N")
 
 
-@pytest.mark.parametrize("names", ["mag_x_uT,mag_y_uT,mag_z_uT", "m1,m2,m3"])
+@pytest.mark.parametrize("names", [evidence("mag_x_uT,mag_y_uT,mag_z_uT"), "m1,m2,m3"])
 def test_columns_are_found_by_their_units_or_as_stated(names: str, tmp_path: Path):
     found = analysed(log(tmp_path, names), **(STATED if names == "m1,m2,m3" else {}))
     field = found.of("magnetometer")
@@ -55,6 +56,7 @@ def test_columns_are_found_by_their_units_or_as_stated(names: str, tmp_path: Pat
     np.testing.assert_allclose(stated, (1e-6 * SIGMA) ** 2 * np.eye(3), atol=1e-14)
 
 
+@pytest.mark.slow
 def test_without_a_unit_or_with_repeated_values_they_are_left_out(tmp_path: Path):
     assert not analysed(log(tmp_path, "mx,my,mz")).of("magnetometer")
     assert not analysed(log(tmp_path, "mx_uT,my_uT,mz_uT", 5)).of("magnetometer")

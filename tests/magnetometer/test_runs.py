@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.magnetometer import generator as sim
 from tests.magnetometer.recorded import MOVING, RATE_HZ, STILL, recording, table
 from tests.program import run_program
@@ -94,7 +95,7 @@ def test_the_field_points_down_in_the_north_only(
     assert 'axis = ["-x", "-y", "-z"]' in refusal(path)
 
 
-@pytest.mark.parametrize("unit", ["G", "mG", "LSB"])
+@pytest.mark.parametrize("unit", [evidence("G"), evidence("mG"), "LSB"])
 def test_other_units_give_the_same_and_a_wrong_unit_is_named(unit: str, rng: Rng, tmp_path: Path):
     own, attitude = sim.device(rng), sim.scattered(rng, N)
     data = sim.rests(rng, attitude, own)

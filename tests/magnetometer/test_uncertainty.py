@@ -5,6 +5,7 @@
 
 import numpy as np
 import pytest
+from tests.base_seeds import sampled
 from tests.magnetometer import generator as sim
 from tests.magnetometer.cases import band, fit, linear_model, normalised_error, records, true_values
 
@@ -89,8 +90,9 @@ CASES = {
 }
 
 
-def test_errors_of_24_rests_agree_with_their_covariance(seed):
-    errors, chi2, dof, count = [], 0.0, 35, 200
+@pytest.mark.parametrize(("seed", "count"), sampled(60, 200))
+def test_errors_of_24_rests_agree_with_their_covariance(seed, count):
+    errors, chi2, dof = [], 0.0, 35
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         data = rests(24)(rng)
@@ -104,9 +106,10 @@ def test_errors_of_24_rests_agree_with_their_covariance(seed):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_errors_agree_with_their_covariance(case, seed):
+@pytest.mark.parametrize(("seed", "share"), sampled(0.4, 1.0))
+def test_errors_agree_with_their_covariance(case, seed, share):
     make, count = CASES[case]
-    errors, chi2, dof = [], 0.0, 0
+    errors, chi2, dof, count = [], 0.0, 0, round(share * count)
     for k in range(count):
         data = make(np.random.default_rng([seed, 17, k]))
         found = fit(data)
@@ -130,10 +133,11 @@ def test_wrong_accelerometers_that_are_taken_as_exact_raise_chi_squared(seed):
     assert chi2 / dof > 1 + 2 * band(dof, 1)
 
 
-def test_cross_covariance_predicts_the_effect_of_the_accelerometers_error(seed):
+@pytest.mark.parametrize(("seed", "count"), sampled(80, 100))
+def test_cross_covariance_predicts_the_effect_of_the_accelerometers_error(seed, count):
     """What the known error does not explain has the remaining covariance."""
     errors, along, length = [], 0.0, 0.0
-    for k in range(100):
+    for k in range(count):
         data = with_prior(np.random.default_rng([seed, k]), POOR_ACCELEROMETER)
         found = fit(data)
         by_known = found.cross @ np.linalg.inv(data.known)
@@ -145,13 +149,14 @@ def test_cross_covariance_predicts_the_effect_of_the_accelerometers_error(seed):
         errors.append((error - predicted) @ weight @ (error - predicted) / 13)
         along += error @ weight @ predicted
         length += predicted @ weight @ predicted
-    assert np.mean(errors) == pytest.approx(1, abs=band(13, 100))
+    assert np.mean(errors) == pytest.approx(1, abs=band(13, count))
     assert along / length == pytest.approx(1, abs=4 / np.sqrt(length))
     assert 4 / np.sqrt(length) < 0.5  # a slope of 0 or of −1 would be seen
 
 
-def test_strength_with_an_uncertainty_and_free_strength_agree_with_their_covariance(seed):
-    stated, free, count = [], [], 60
+@pytest.mark.parametrize(("seed", "count"), sampled(25, 60))
+def test_strength_with_an_uncertainty_and_free_strength_agree_with_their_covariance(seed, count):
+    stated, free = [], []
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         data = rests(24)(rng)
@@ -170,8 +175,9 @@ def test_strength_with_an_uncertainty_and_free_strength_agree_with_their_covaria
     assert np.mean(free) == pytest.approx(1, abs=band(13, count))
 
 
-def test_stated_dip_agrees_with_its_covariance_and_reduces_the_uncertainty(seed):
-    errors, count = [], 60
+@pytest.mark.parametrize(("seed", "count"), sampled(25, 60))
+def test_stated_dip_agrees_with_its_covariance_and_reduces_the_uncertainty(seed, count):
+    errors = []
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         data = rests(12, 30)(rng)
@@ -182,14 +188,15 @@ def test_stated_dip_agrees_with_its_covariance_and_reduces_the_uncertainty(seed)
     assert np.mean(errors) == pytest.approx(1, abs=band(13, count))
 
 
-def test_temperature_coefficients_of_the_offset_are_estimated(seed):
+@pytest.mark.parametrize(("seed", "count"), sampled(25, 60))
+def test_temperature_coefficients_of_the_offset_are_estimated(seed, count):
     plain, errors = linear_model(), []
     more = np.zeros((3, 3, 4))
     more[range(3), range(3), 3] = 1.0
     names = (*plain.names, "mx.bias_dT", "my.bias_dT", "mz.bias_dT")
     directions = np.concatenate([plain.directions, more])
     model = LinearModel(names, plain.nominal, directions, np.array([0] * 12 + [1] * 3))
-    for k in range(60):
+    for k in range(count):
         rng = np.random.default_rng([seed, k])
         data, true = rests(24)(rng), 20e-9 * rng.standard_normal(3)
         temperature = rng.uniform(-10, 10, 24)
@@ -200,7 +207,7 @@ def test_temperature_coefficients_of_the_offset_are_estimated(seed):
         found = fit_field(nodes, model, directions, links, conditions)
         error = (found.value[12:15] - true) / np.sqrt(np.diagonal(found.covariance)[12:15])
         errors.append(np.mean(error**2))
-    assert np.mean(errors) == pytest.approx(1, abs=band(3, 60))
+    assert np.mean(errors) == pytest.approx(1, abs=band(3, count))
 
 
 def test_an_offset_of_twenty_fields_does_not_disturb_the_starts():

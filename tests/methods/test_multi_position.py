@@ -20,6 +20,7 @@ from tests.accuracy.handheld import (
     record,
     triangular,
 )
+from tests.base_seeds import evidence
 
 from inercal.basics.errors import NotObserved
 from inercal.basics.units import Measured
@@ -197,7 +198,7 @@ def test_the_band_whitens_the_dense_covariance_of_all_rows():
             np.testing.assert_allclose(W @ C @ W.T, np.eye(len(C)), rtol=0, atol=0.01)
 
 
-@pytest.mark.parametrize("hold_seconds", [1.0, 8.0])
+@pytest.mark.parametrize("hold_seconds", [1.0, evidence(8.0)])
 def test_ramps_within_a_rest_share_their_samples(hold_seconds: float):
     """Rests shorter and longer than what is weighed of them."""
     rng = np.random.default_rng(90)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 
 import inercal
 from inercal.pipeline import Outcome
@@ -91,7 +92,7 @@ def test_six_positions_tell_an_effect_of_their_order_that_they_cannot_see(effect
 
 
 @pytest.mark.parametrize(("effect", "size"), [("step", 2 * MG), ("before", MG), ("sense", MG)])
-@pytest.mark.parametrize("more", [("x_p", "y_p", "z_p"), SIX[::-1]])
+@pytest.mark.parametrize("more", [("x_p", "y_p", "z_p"), evidence(SIX[::-1])])
 def test_positions_that_are_visited_again_show_it(effect: str, size: float, more: Sequence[str]):
     for seed in range(4):
         assert calibrated((*SIX, *more), effect, size, seed).verdict.grade != "consistent"

@@ -110,7 +110,13 @@ def bits(found: Mapping[str, PartialEstimate]) -> dict[str, tuple[object, ...]]:
     }
 
 
-@pytest.mark.parametrize(("method", "estimator"), CASES)
+@pytest.mark.parametrize(
+    ("method", "estimator"),
+    [
+        one if k % 2 == 0 else pytest.param(*one.values, marks=pytest.mark.evidence, id=one.id)
+        for k, one in enumerate(CASES)
+    ],
+)
 def test_pieces_of_any_length_are_the_whole_to_the_last_bit(
     method: Method[Turntable, Position | Rotation], estimator: str
 ):

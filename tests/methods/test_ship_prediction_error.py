@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.accuracy.rate_table import RADIUS
+from tests.base_seeds import evidence
 from tests.methods.ship_cases import ESTIMATORS, SENSOR, case
 
 from inercal.estimation import Estimate
@@ -28,7 +29,7 @@ def one(found: Estimate, k: int) -> Estimate:
     )
 
 
-@pytest.mark.parametrize("name", ["planar", "joint", "damped"])
+@pytest.mark.parametrize("name", ["planar", evidence("joint"), evidence("damped")])
 def test_fresh_poses_err_as_is_said(name: str):
     given = case(1, 300)
     found = ESTIMATORS[name](given.seen, SENSOR, given.bench, given.steps)

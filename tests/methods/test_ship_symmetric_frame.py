@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.accuracy.rate_table import Bench
-from tests.base_seeds import SEEDS
+from tests.base_seeds import SEEDS, evidence
 from tests.methods.ship_cases import EXACT, SENSOR, Case, case, observed
 from tests.refusals import refused
 
@@ -109,8 +109,8 @@ def test_neither_untilted_states_nor_a_start_decide_anything():
     "options",
     [
         SearchOptions(seed=1),
-        SearchOptions(seed=2),
-        pytest.param(SearchOptions(Bounds(1.0, 1.0, 1.0), seed=1), marks=pytest.mark.slow),
+        evidence(SearchOptions(seed=2)),
+        evidence(SearchOptions(Bounds(1.0, 1.0, 1.0), seed=1)),
     ],
 )
 def test_a_search_and_damping_agree_once_the_frame_is_stated(options: SearchOptions):

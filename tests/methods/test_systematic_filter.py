@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.methods import systematic_table as made
 from tests.methods.systematic_cases import (
     METHOD,
@@ -49,7 +50,7 @@ def track_of(recorded: made.Recorded, sensor: Sensor) -> Track:
     return track
 
 
-@pytest.mark.parametrize("grade", ["N", "T"])
+@pytest.mark.parametrize("grade", ["N", evidence("T")])
 def test_without_noise_the_filter_finds_every_coefficient(grade: str):
     sensor = sensor_of(made.GRADES[grade])
     recorded = device(grade, noisy=False, rate=100.0)
@@ -72,7 +73,7 @@ def test_filter_and_batch_agree_and_the_batch_is_no_worse():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("grade", ["N", "T"])
+@pytest.mark.parametrize("grade", ["N", evidence("T")])
 def test_deviations_are_those_of_an_independent_filter_and_cover_the_errors(grade: str):
     table, sensor, count = made.Table(), sensor_of(made.GRADES[grade]), 6
     nees: list[float] = []
@@ -214,7 +215,7 @@ def test_what_is_not_still_or_not_there_is_seen_in_the_innovations(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("grade", ["N", "T"])
+@pytest.mark.parametrize("grade", ["N", evidence("T")])
 def test_a_lost_sample_and_noise_stated_at_half_are_seen(grade: str):
     table, g = made.Table(), made.GRADES[grade]
     recorded = device(grade, 8, table)

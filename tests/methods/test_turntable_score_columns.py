@@ -268,8 +268,8 @@ CASES: dict[Run, tuple[list[Step], tuple[str, ...]]] = {
     [
         (kalman, "accelerometer asymmetry"),
         (kalman, "gyro asymmetry"),
-        (kalman, "right angles"),
-        (kalman, "third harmonic"),
+        evidence(kalman, "right angles"),
+        evidence(kalman, "third harmonic"),
         (kalman, "azimuth"),
         (least_squares, "azimuth"),
         (least_squares, "latitude"),

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.noise.generator import DEG_H, MEMS, Truth, draw
 
 import inercal
@@ -195,7 +196,7 @@ def test_a_disturbance_at_the_start_is_left_out_with_its_temperature():
     assert y.size - 120 < found.n < y.size - 40
 
 
-@pytest.mark.parametrize(("name", "size"), [("ramp", 0.2), ("temperature", 50.0)])
+@pytest.mark.parametrize(("name", "size"), [evidence("ramp", 0.2), ("temperature", 50.0)])
 def test_drift_is_found_within_three_uncertainties_and_no_walk_takes_its_place(
     name: str, size: float
 ):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.base_seeds import SEEDS
+from tests.base_seeds import SEEDS, evidence
 from tests.noise.generator import DEG_H, MEMS, draw
 
 import inercal
@@ -77,7 +77,7 @@ def parted(y: np.ndarray, dt: float, count: int, lost: int) -> list[Part]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("count", "lost"), [(20, 240), (4, 3600)])
+@pytest.mark.parametrize(("count", "lost"), [(20, 240), evidence(4, 3600)])
 def test_the_allan_deviation_across_gaps_is_that_of_the_terms_within_2_percent(
     count: int, lost: int
 ):

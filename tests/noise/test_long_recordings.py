@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import chosen, evidence
 from tests.noise.generator import MEMS, draw
 from tests.program import run_program
 from tests.refusals import refused
@@ -78,7 +79,7 @@ def at_once(table: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> Nois
     return analyse_noise(read_rest_recording(path, UNIT), terms="NBK", kinds=())
 
 
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", chosen(FORMATS, ("csv", "packed.h5")))
 def test_blocks_of_each_format_give_the_coefficients_of_the_whole(
     kind: str, table: np.ndarray, tmp_path: Path, at_once: NoiseAnalysis
 ):
@@ -121,7 +122,7 @@ def test_a_short_log_is_read_at_once(table: np.ndarray, tmp_path: Path):
     assert open_long_rest_recording(write(tmp_path, "data.npz", table), UNIT) is None
 
 
-@pytest.mark.parametrize("n", [60_000, N])
+@pytest.mark.parametrize("n", [60_000, evidence(N)])
 def test_a_drift_with_the_temperature_is_fitted_in_blocks_as_at_once(n: int, tmp_path: Path):
     rate = draw(replace(MEMS, n=n), 8)[0]
     celsius = 25 + 8 * np.sin(2 * np.pi * np.arange(n) / n) + 0.01 * np.arange(n) / n
@@ -173,6 +174,7 @@ def test_what_blocks_cannot_take_is_refused_with_its_place(
         assert "row 150001" in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_the_verb_takes_a_long_log_in_blocks_by_itself(
     table: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

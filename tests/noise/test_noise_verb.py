@@ -12,6 +12,7 @@ from tests.program import run_program
 
 UNIT = "sensor.gyro.unit=°/s"
 G0 = 9.80665
+TERMS = ("--terms", "NBK")  # to choose them takes most of the time
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def written(folder: Path) -> tuple[Path, dict[str, dict[str, object]]]:
     """Analyse the log once and write all files; return their folder and what was printed."""
     out = folder / "written"
     out.mkdir()
-    options = ("--write", out / "noise.toml", "--to", "kalibr", "--to", "ros", "--report")
+    options = ("--write", out / "noise.toml", "--to", "kalibr", "--to", "ros", *TERMS)
     return out, analysed(folder, *options, "--out", out)
 
 
@@ -84,7 +85,6 @@ def test_files_for_a_run_file_kalibr_and_ros_hold_the_printed_values(
     ros = (out / "log.ros.yaml").read_text()
     variance = float(ros.split("angular_velocity_covariance: [")[1].split(",")[0])
     assert variance == pytest.approx(density**2 * 50, rel=0.1)
-    assert "<svg" in (out / "log.noise.html").read_text()
 
 
 def test_a_run_file_takes_the_noise_into_its_sections_and_keeps_the_rest(
@@ -126,7 +126,7 @@ def test_a_run_file_names_the_recording(folder: Path, found: dict[str, dict[str,
         '[data]\nfile = "log.csv"\naccelerometer = ["ax", "ay", "az"]\n'
         'gyro = ["gx", "gy", "gz"]\ntime = "time"\n[method]\nname = "multi_position"\n'
     )
-    done = run_program("noise", run_file, "--json")
+    done = run_program("noise", run_file, "--json", *TERMS)
     assert done.status == 0, done.error
     by_run_file = {one["channel"]: one for one in json.loads(done.output)["channels"]}
     assert [round(values(one)["N"], 6) for one in by_run_file.values()] == [

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.signal import butter, freqz, lfilter
+from tests.base_seeds import evidence
 from tests.noise.filtered_generator import DEG_H, DEG_SQRT_H, FilteredTruth, readings
 from tests.noise.generator import MEMS, draw
 from tests.program import run_program
@@ -174,6 +175,7 @@ def test_a_filter_near_the_flicker_is_refused_by_name(cutoff: float):
         sensor_noise(analysis)
 
 
+@pytest.mark.slow
 def test_nothing_is_written_of_a_refused_channel(tmp_path: Path):
     truth = FilteredTruth("pole", 0.1, 20, seconds=900, flicker=10.0)
     y = readings(truth, 1)
@@ -246,6 +248,7 @@ def test_what_is_not_significant_has_an_interval_with_zero():
     assert absent > 1
 
 
+@pytest.mark.slow
 def test_the_report_behind_20_hz_gives_the_plateau_no_flicker_and_a_page_with_its_filter(
     reports_dir: Path, tmp_path: Path
 ):
@@ -271,6 +274,7 @@ def test_the_report_behind_20_hz_gives_the_plateau_no_flicker_and_a_page_with_it
     assert float(gyro["random_walk"].split()[0]) > 0
 
 
+@pytest.mark.slow
 def test_the_report_of_white_noise_gives_files_without_a_zero_that_exports_take(
     reports_dir: Path, tmp_path: Path
 ):
@@ -330,6 +334,7 @@ def test_an_axis_without_a_random_walk_counts_with_its_limit():
     assert float(walk[0]) == pytest.approx(triad.values["K"][0], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_what_another_analysis_wrote_is_replaced_and_the_filter_is_printed(
     reports_dir: Path, tmp_path: Path
 ):
@@ -349,6 +354,7 @@ def test_what_another_analysis_wrote_is_replaced_and_the_filter_is_printed(
     assert 'unit = "LSB"' in text
 
 
+@pytest.mark.slow
 def test_a_recording_in_blocks_has_the_filter_of_one_in_the_memory():
     truth = FilteredTruth("pole", 20, seconds=1500, step=0.002)
     y = readings(truth, 5)[:, None]
@@ -379,7 +385,10 @@ def test_coarse_steps_hide_no_noise_that_a_filter_made_slow():
     inercal.analyse_noise(one, kinds=())
 
 
-@pytest.mark.parametrize(("name", "size"), [("gyro", 1 / 4770), ("acc", 1 / 415)])
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [pytest.param("gyro", 1 / 4770, marks=pytest.mark.slow), evidence("acc", 1 / 415)],
+)
 def test_a_public_imu_at_rest_has_one_filter_on_all_axes(data_dir: Path, name: str, size: float):
     table = np.loadtxt(data_dir / "xsens_mti_multiposition" / f"xsens_{name}.mat")
     rest = table[table[:, 0] < 45.0]

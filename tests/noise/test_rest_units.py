@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.benches.generated_runs import simulate_run, write_run
 from tests.program import run_program
 from tests.reports import report_file
@@ -32,7 +33,7 @@ def remarks(recording: Recording, gravity: float | None = G0) -> tuple[str, ...]
     return inercal.analyse_noise(recording, terms="N", kinds=(), gravity=gravity).remarks
 
 
-@pytest.mark.parametrize("mean", [LEVEL, TILTED], ids=["level", "tilted"])
+@pytest.mark.parametrize("mean", [evidence(LEVEL), TILTED], ids=["level", "tilted"])
 @pytest.mark.parametrize(
     ("size", "unit", "right"),
     [(G0, "m/s²", "g"), (1 / G0, "g", "m/s²"), (1e-3 * G0, "m/s²", "mg"), (2.1, "m/s²", ""),

@@ -34,6 +34,7 @@ def test_the_allan_deviation_of_pieces_is_that_of_the_whole(series: np.ndarray, 
     assert streamed.mean == pytest.approx(series.mean(), rel=1e-12)
 
 
+@pytest.mark.evidence
 def test_the_coefficients_of_pieces_are_those_of_the_whole(series: np.ndarray):
     pieces = (series[start : start + 10_000, None] for start in range(0, N, 10_000))
     streamed = analyse_noise_stream(pieces, MEMS.dt, ["gx"], ["rad/s"]).channels[0]

@@ -25,6 +25,7 @@ def test_all_averaging_times_use_every_difference():
     np.testing.assert_array_equal(found.count, N + 1 - 2 * np.arange(1, N // 2 + 1))
 
 
+@pytest.mark.slow
 def test_all_averaging_times_of_pieces_use_every_difference():
     y = draw(MEMS, 6)[0][:N]
     whole = deviations(y, MEMS.dt, spacing="all")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
+from tests.base_seeds import evidence
 
 from inercal.methods.residuals import noisy_norm_residuals
 from inercal.physics.sensors import G0, Sensor, cluster, triad
@@ -82,7 +83,7 @@ def case(sensor: Sensor, seed: int) -> tuple[Array, Array, Array, Array]:
 
 
 @pytest.mark.parametrize("sensor", [*ORTHOGONAL, *TILTED, *OTHERS])
-@pytest.mark.parametrize("shared", [None, 0, 1, 2, 3])
+@pytest.mark.parametrize("shared", [None, *map(evidence, (0, 1, 2)), 3])
 def test_batched_trials_equal_single_trials(sensor: Sensor, shared: int | None):
     given = list(case(sensor, 3))
     if shared is not None:

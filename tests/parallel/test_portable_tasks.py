@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from numpy.testing import assert_array_equal
+from tests.base_seeds import evidence
 
 from inercal.basics.parallel import SerialExecutor
 from inercal.pipeline.budget import budget
@@ -44,7 +45,12 @@ class FirstTasks(PicklingExecutor):
 
 @pytest.mark.parametrize(
     "name",
-    ["six_position/run", "centrifuge/arm_run", "dividing_head/tumble", "rate_table/ship_bench"],
+    [
+        "six_position/run",
+        evidence("centrifuge/arm_run"),
+        "dividing_head/tumble",
+        evidence("rate_table/ship_bench"),
+    ],
 )
 def test_a_budget_of_copies_is_the_budget(name: str):
     experiment = experiment_from_run(read(EXAMPLES / f"{name}.toml"))

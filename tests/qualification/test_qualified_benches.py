@@ -5,12 +5,14 @@ that data of a bench with errors and the qualified bench give what a perfect ben
 variance and a correlation enlarge the covariance as the posterior of a Gaussian with that prior.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.base_seeds import evidence
 from tests.methods.bench_sensitivity_cases import Case, case, observed
 from tests.methods.test_bench_sensitivities import ERRORS, HEADS, NEAR
 
@@ -97,7 +99,19 @@ def posterior(estimate: Estimate, names: tuple[str, ...], d: Array, prior: Array
     return (result * np.outer(size, size))[:p, :p]
 
 
-CASES = [pytest.param(*key, marks=pytest.mark.slow) if key[1] in SLOW else key for key in QUALIFIED]
+def by_cost(keys: Iterable[tuple[str, str]]) -> list[Any]:
+    """Return all pairs; those that take long are slow, or for `make evidence`."""
+    return [
+        key
+        if key[1] not in SLOW
+        else pytest.param(*key, marks=pytest.mark.slow)
+        if key[1] in ("full", "global")
+        else evidence(*key)
+        for key in keys
+    ]
+
+
+CASES = by_cost(QUALIFIED)
 
 
 @pytest.mark.parametrize(("method", "estimator"), CASES)
@@ -123,7 +137,7 @@ BY_PRIORS = [key for key in QUALIFIED if key not in BY_FILTERS]
 
 @pytest.mark.parametrize(
     ("method", "estimator"),
-    [pytest.param(*key, marks=pytest.mark.slow) if key[1] in SLOW else key for key in BY_PRIORS],
+    by_cost(BY_PRIORS),
 )
 def test_uncertainty_changes_as_the_covariance_says(method: str, estimator: str):
     given = given_case(method, estimator)

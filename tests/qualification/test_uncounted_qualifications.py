@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.methods.test_bench_sensitivities import CERTAIN
-from tests.qualification.test_qualified_benches import QUALIFIED, SLOW, given_case, names_of
+from tests.qualification.test_qualified_benches import QUALIFIED, by_cost, given_case, names_of
 from tests.refusals import refused
 
 from inercal.benches.qualification.input_file import qualify
@@ -24,9 +24,7 @@ from inercal.pipeline.qualified_errors import uncounted_notes
 from inercal.runfile import read
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-COUNTED = [
-    pytest.param(*key, marks=pytest.mark.slow) if key[1] in SLOW else key for key in QUALIFIED
-]
+COUNTED = by_cost(QUALIFIED)
 
 
 def notes(method: str, estimator: str, names: tuple[str, ...]) -> tuple[str, ...]:

@@ -141,9 +141,28 @@ SLOW = {
     "turntable_trajectory": recording(TABLE, "50 Hz", of("turntable_trajectory")),
     "systematic": recording("systematic/imu.toml", "20 Hz", seconds("12 s")),
 }
+# Of those that take long, one of each kind of bench.
+SAMPLE = (
+    "ferraris",
+    "multi_position with magnetometers",
+    "centrifuge_norm of means",
+    "ship_multi_angle of means",
+    "rates_and_poses of means",
+    "turntable_kalman",
+)
 CASES = [
-    *(pytest.param(case, id=name) for name, case in QUICK.items()),
-    *(pytest.param(case, id=name, marks=pytest.mark.slow) for name, case in SLOW.items()),
+    *(
+        pytest.param(
+            case, id=name, marks=[pytest.mark.slow] * (name in ("temperature_ramp", "tumble"))
+        )
+        for name, case in QUICK.items()
+    ),
+    *(
+        pytest.param(
+            case, id=name, marks=pytest.mark.slow if name in SAMPLE else pytest.mark.evidence
+        )
+        for name, case in SLOW.items()
+    ),
 ]
 
 

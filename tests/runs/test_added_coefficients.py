@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.evidence import auto
 from tests.evidence.violation_cells import Cell, case_cells, device_files
 from tests.evidence.visibility_model import Files
@@ -172,9 +173,9 @@ def test_coefficients_of_temperature_are_left_to_their_orders(example: Path):
 @pytest.mark.parametrize(
     ("case", "violation", "key"),
     [
-        ("centrifuge_norm", "tilt", "tilt"),
+        evidence("centrifuge_norm", "tilt", "tilt"),
         ("centrifuge_norm", "radius", "gravity"),  # which explains the same
-        ("ship_multi_angle", "rate", "rate_error"),
+        evidence("ship_multi_angle", "rate", "rate_error"),
         ("rates_and_poses", "latitude", "latitude"),
         ("turntable_discrete", "lean of the base", "lean"),
         ("tumble", "third harmonic of the head", "harmonics"),

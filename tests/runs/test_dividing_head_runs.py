@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 from tests.accuracy.dividing_head import ARCSEC, SIZES, Bench, draw, readings
+from tests.base_seeds import evidence
 from tests.refusals import refused
 
 from inercal.basics.errors import InercalError, InputError, NotObserved
@@ -584,7 +585,7 @@ def pair_changes(kind: str) -> tuple[tuple[str, str], ...]:
     return (change,)
 
 
-@pytest.mark.parametrize("kind", ["every", "pairs", "none"])
+@pytest.mark.parametrize("kind", ["every", evidence("pairs"), "none"])
 def test_simulated_recordings_give_the_truth_as_well_as_stated(tmp_path: Path, kind: str):
     found: list[float] = []
     for seed in range(5):

@@ -35,14 +35,14 @@ def assert_accepted(folder: Path, name: str, devices: range) -> None:
     assert 0.3 < nees < 1 + 4 * np.sqrt(2 / sizes.sum())
 
 
-@pytest.mark.parametrize("name", sorted(set(case_makers()) - set(SLOW_ONLY)))
+@pytest.mark.parametrize("name", sorted(set(case_makers()) - set(SLOW_ONLY))[::2])
 def test_crude_sensors_are_calibrated(tmp_path: Path, name: str):
     assert_accepted(tmp_path, name, range(FEW.get(name, 2)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(case_makers()))
-@pytest.mark.parametrize("part", [3, evidence(1)])
+@pytest.mark.parametrize("part", [6, evidence(1)])
 def test_many_crude_sensors_are_calibrated(tmp_path: Path, name: str, part: int):
     often = 60 if name.startswith("ship") or "found" in name else 20
     assert_accepted(tmp_path, name, range(SOME.get(name, often) // part))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.refusals import refused
 
 from inercal.basics.errors import InputError, NotObserved
@@ -49,9 +50,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def test_errors_are_as_large_as_stated_in_simulations_of_the_package(tmp_path: Path):
+@pytest.mark.parametrize("runs", [2, evidence(6)])
+def test_errors_are_as_large_as_stated_in_simulations_of_the_package(tmp_path: Path, runs: int):
     squares: list[float] = []
-    for seed in range(6):
+    for seed in range(runs):
         run = read(simulated(run_file(tmp_path), seed))
         outcome = calibrate(run)
         sensor, found = outcome.calibration.sensor, outcome.estimate
@@ -95,6 +97,7 @@ def path_table(folder: Path, angles: list[tuple[int, int, int]]) -> None:
     (folder / "path.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_plan_warns_of_turns_about_the_vertical_with_the_axis(tmp_path: Path):
     # z turns about the vertical only; x and y about level axes
     path_table(

@@ -66,6 +66,7 @@ def test_a_tumble_over_soaks_tests_its_orders_and_predicts_each_soak(tmp_path: P
     assert [one.components for one in fit.left_out] == [len(outcome.observations.labels) // 4] * 4
 
 
+@pytest.mark.slow
 def test_biases_that_come_back_within_what_is_stated_leave_chi2_and_u_alone(tmp_path: Path):
     repeats = '[environment]\naccelerometer_repeatability = "50 µg"\n'
     moved = calibrate(tumbled_soaks(tmp_path / "told", "[1, 0, 0]", repeats, 50e-6))

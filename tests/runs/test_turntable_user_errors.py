@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.refusals import refused
 from tests.runs.test_turntable_runs import Change, copy_run, path_with_labels, refused_run
 
@@ -334,7 +335,7 @@ def test_a_recording_that_was_cut_lacks_steps_of_its_path(
     [
         ("y up", "z down", "z down: .* axes at 0°, 180°, 0°"),
         ("y up", "", "1 step .*: hold"),
-        ("y up", "yup", "1 step .*: yup"),
+        evidence("y up", "yup", "1 step .*: yup"),
     ],
 )
 def test_labels_missing_from_the_plan_are_reported(

@@ -97,7 +97,7 @@ def guarded(server: str, database: str) -> str:
     return database.replace("inercal@", f"{GUARDED}@")
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)])
 def address(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     """Give the address of a register that is not there yet."""
     if request.param == "sqlite":

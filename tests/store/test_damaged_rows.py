@@ -8,6 +8,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from tests.base_seeds import evidence
 from tests.program import run_program
 from tests.store.calibration_generator import DRIFTING, hashed, ten, write
 
@@ -39,10 +40,13 @@ def columns(path: Path) -> list[tuple[str, str]]:
 
 
 @pytest.mark.slow
-def test_damaged_values_give_one_line_in_every_verb(sound: Path, tmp_path: Path):
+@pytest.mark.parametrize("every", [6, evidence(1)])
+def test_damaged_values_give_one_line_in_every_verb(sound: Path, tmp_path: Path, every: int):
     path, refused = tmp_path / "r.db", 0
-    for table, column in columns(sound):
+    for n, (table, column) in enumerate(columns(sound)):
         for k, value in enumerate(VALUES):
+            if (n + k) % every:
+                continue
             shutil.copy(sound, path)
             with closing(sqlite3.connect(path)) as db:
                 db.execute("PRAGMA ignore_check_constraints = ON")
@@ -63,7 +67,7 @@ def test_damaged_values_give_one_line_in_every_verb(sound: Path, tmp_path: Path)
                 assert code in (0, 2), (table, column, value)
                 assert error.count("\n") == (code != 0), (table, column, value, error)
                 refused += code != 0
-    assert refused > 50
+    assert refused > 50 / every
 
 
 def damaged_content(path: Path, change: Callable[[str], str]) -> None:

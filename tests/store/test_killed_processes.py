@@ -216,6 +216,9 @@ def test_kills_lose_nothing_and_leave_nothing_half(
         assert len(register.runs()) == count // 2
 
 
+@pytest.mark.parametrize(
+    "address", ["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)], indirect=True
+)
 def test_a_kill_before_any_statement_of_a_write_leaves_all_or_nothing(
     address: str, writers: Writers, tmp_path: Path
 ):

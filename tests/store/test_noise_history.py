@@ -149,6 +149,7 @@ def test_the_verb_enters_an_analysis_and_the_history_shows_it(log: Path, tmp_pat
     assert [c["unit"] for c in white] == ["µg/√Hz"] * 3 + ["°/√h"] * 3
 
 
+@pytest.mark.slow
 def test_the_page_of_a_calibrated_sensor_shows_its_noise(
     tmp_path: Path, three: list[NoiseAnalysis]
 ):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.program import run_program
 from tests.refusals import refused
 from tests.store.calibration_generator import G0, IMU, Truth, content, hashed, write
@@ -114,6 +115,7 @@ def test_a_sensor_that_scatters_more_than_its_type_is_not_pooled(address: str):
     assert by_name["ay.k0"].sensors == OTHERS + 1
 
 
+@pytest.mark.slow
 def test_the_verb_and_the_page_say_over_how_many_sensors(address: str, tmp_path: Path):
     page = tmp_path / "new.html"
     ended = run_program(
@@ -158,7 +160,7 @@ def _trend(rng: np.random.Generator, count: int, tau: float, q: float, b: float)
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("tau", "q", "b"), [(1, 0, 0), (0.5, 0, 1), (0.5, 1, 0)])
+@pytest.mark.parametrize(("tau", "q", "b"), [evidence(1, 0, 0), (0.5, 0, 1), evidence(0.5, 1, 0)])
 @pytest.mark.parametrize(("count", "least", "most"), [(2, 0.895, 1.0), (3, 0.895, 0.985)])
 @pytest.mark.slow
 def test_u_after_an_interval_covers_the_next_use_of_another_sensor(

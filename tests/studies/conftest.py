@@ -41,9 +41,9 @@ def turntable_study(two_devices: turntable_trials.TurntableTrials) -> Study:
 @pytest.fixture(
     params=[
         "centrifuge_study",
-        "dual_orthogonal_study",
-        "ship_model_study",
-        pytest.param("turntable_study", marks=pytest.mark.slow),
+        pytest.param("dual_orthogonal_study", marks=pytest.mark.slow),
+        pytest.param("ship_model_study", marks=pytest.mark.slow),
+        pytest.param("turntable_study", marks=pytest.mark.evidence),
     ]
 )
 def each_study(request: pytest.FixtureRequest) -> Study:

@@ -81,6 +81,7 @@ def test_the_simulated_head_has_the_stated_error():
     assert sqrt(power) == pytest.approx(3 * ARCSEC)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", TABLE)
 def test_method_errors_agree_with_the_table_of_the_note(
     method: str, method_comparison: method_accuracy.MethodAccuracy
@@ -96,11 +97,13 @@ def test_monte_carlo_errors_are_those_of_other_seeds():
     assert np.mean([x.u for x in found]) == pytest.approx(scatter, rel=4 / sqrt(2 * seeds))
 
 
+@pytest.mark.slow
 def test_joint_states_its_errors_correctly(method_comparison: method_accuracy.MethodAccuracy):
     for nees in method_comparison.nees.values():
         assert nees.value == pytest.approx(1, abs=4 * nees.u)
 
 
+@pytest.mark.slow
 def test_a_face_at_every_position_makes_the_centrifuge_unnecessary(
     method_comparison: method_accuracy.MethodAccuracy,
 ):
@@ -113,12 +116,14 @@ def test_a_face_at_every_position_makes_the_centrifuge_unnecessary(
 # Claims
 
 
+@pytest.mark.slow
 def test_accuracy_of_a_micro_g_holds_but_for_k1(dual_orthogonal_study: Study):
     assert section_verdicts(dual_orthogonal_study, "accuracy") == [
         "reproduced", "false", "reproduced", "reproduced", "reproduced",
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_head_is_eliminated(dual_orthogonal_study: Study):
     assert section_verdicts(dual_orthogonal_study, "head") == ["reproduced", "reproduced"]
     found = method_accuracy.combine_heads([call() for call in method_accuracy.head_calls(300, 2)])
@@ -131,6 +136,7 @@ def test_the_head_is_eliminated(dual_orthogonal_study: Study):
     assert dual == pytest.approx([0.83, 1.59, 4.70, 15.6], rel=0.15)
 
 
+@pytest.mark.slow
 def test_two_of_ten_steps_have_the_four_points(dual_orthogonal_study: Study):
     assert section_verdicts(dual_orthogonal_study, "step")[:2] == ["false", "false"]
     serving = [
@@ -151,6 +157,7 @@ def test_two_of_ten_steps_have_the_four_points(dual_orthogonal_study: Study):
         )
 
 
+@pytest.mark.slow
 def test_claims_three_and_four_compare_steps_with_steps(dual_orthogonal_study: Study):
     (found,) = [section for section in dual_orthogonal_study.sections if section.name == "step"]
     finest, coarsest, *best = found.findings
@@ -202,6 +209,7 @@ def test_combinations_left_open():
     assert left < 1e-12
 
 
+@pytest.mark.slow
 def test_the_budget_is_the_autocollimators():
     found = error_allocation.item_errors("patent", 500, 4)
     k0 = {name: rms(by_column["K0"]).value for name, by_column in found.items()}
@@ -259,6 +267,7 @@ def test_large_coefficients_cost_nothing(method: str):
 # The page
 
 
+@pytest.mark.slow
 def test_the_page_has_every_section_table_and_chart(dual_orthogonal_study: Study, tmp_path: Path):
     path = write_study(dual_orthogonal_study, tmp_path)
     assert path.name == "dual-orthogonal.study.html"

@@ -64,6 +64,7 @@ def test_specific_force_agrees_with_the_independent_generator(reading: TiltConve
 NOTE = {"planar": (7.8, 9.0), "planar_norm": (5.6, 7.8), "damped": (12, 18), "joint": (2.1, 2.6)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NOTE)
 def test_estimator_errors_agree_with_the_method_note(
     name: str, estimator_comparison: EstimatorComparison
@@ -72,6 +73,7 @@ def test_estimator_errors_agree_with_the_method_note(
     assert low <= np.median(estimator_comparison.vector_errors(name)) / MILLI <= high
 
 
+@pytest.mark.slow
 def test_undamped_steps_diverge(estimator_comparison: EstimatorComparison):
     assert np.median(estimator_comparison.vector_errors(UNDAMPED)) > 10 * np.median(
         estimator_comparison.vector_errors("planar")
@@ -99,6 +101,7 @@ def test_tilts_about_the_radial_axis_have_rank_nine():
     assert equation_rank.plan_information(*equation_rank.PLANS[name]).left.rank == 9
 
 
+@pytest.mark.slow
 def test_the_optimiser_finds_dampings_sum_and_another_sensor(
     estimator_comparison: EstimatorComparison,
 ):
@@ -113,6 +116,7 @@ def test_the_optimiser_finds_dampings_sum_and_another_sensor(
 # Claims
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("section", "verdicts"),
     [
@@ -126,6 +130,7 @@ def test_verdicts(ship_model_study: Study, section: str, verdicts: list[str]):
     assert section_verdicts(ship_model_study, section) == verdicts
 
 
+@pytest.mark.slow
 def test_agreement_verifies_nothing(ship_model_study: Study):
     expected = ["reproduced", "false", "false", "reproduced", "false"]
     assert section_verdicts(ship_model_study, "optimiser") == expected
@@ -166,6 +171,7 @@ def test_irregular_motion_has_its_significant_amplitude():
     assert not np.array_equal(z, motion_derivatives(OscillationParameters(0.04, 1.6), t, 6))
 
 
+@pytest.mark.slow
 def test_a_perfect_calibration_leaves_nothing(estimator_comparison: EstimatorComparison):
     exact = EstimatorComparison(
         estimator_comparison.case, 1, {"exact": estimator_comparison.case.device.inverse}
@@ -176,6 +182,7 @@ def test_a_perfect_calibration_leaves_nothing(estimator_comparison: EstimatorCom
     assert max(left.rms.max(), left.peak.max(), left.rest_corrected.max()) < 1e-13
 
 
+@pytest.mark.slow
 def test_zeroing_removes_a_bias(estimator_comparison: EstimatorComparison):
     model = estimator_comparison.case.device.inverse
     shifted = EstimatorComparison(
@@ -192,6 +199,7 @@ def test_zeroing_removes_a_bias(estimator_comparison: EstimatorComparison):
 # The page
 
 
+@pytest.mark.slow
 def test_the_page_has_every_section_table_and_chart(ship_model_study: Study, tmp_path: Path):
     path = write_study(ship_model_study, tmp_path)
     assert path.name == "ship-model.study.html"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tests.accuracy import ramps
 from tests.accuracy.ferraris import DEGREE, mems
 from tests.accuracy.handheld import Session, record
+from tests.base_seeds import evidence
 from tests.evidence import temperature_ramps
 from tests.evidence.violation_cells import base_cells, calibrate_device, find_case
 from tests.suspects.rate_platform_runs import arguments, table
@@ -89,7 +90,7 @@ def test_a_wrong_latitude_is_named_and_not_a_sensitivity_to_acceleration():
 
 
 @pytest.mark.parametrize("change", [clipped, one_rate_off, stepped, hysteresis])
-@pytest.mark.parametrize("axes", ["z", "xyz"])
+@pytest.mark.parametrize("axes", ["z", evidence("xyz")])
 def test_a_scale_of_all_rates_is_never_named_where_scale_factors_are_free(
     change: Callable[[Array, Array, Settings], None], axes: str
 ):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.program import run_program
 from tests.refusals import refused
 from tests.type_prior.cases import calibrations, nine, patent_nees
@@ -197,7 +198,7 @@ def test_the_output_names_an_outlying_sensor(tmp_path: Path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("estimator", ["patent", "joint"])
+@pytest.mark.parametrize("estimator", [evidence("patent"), "joint"])
 def test_the_nine_parameters_are_as_uncertain_as_stated_in_a_sample(estimator: str, tmp_path: Path):
     found, _ = patent_nees(estimator, 1, 100, 5, tmp_path)
     # The sampling band of 100 populations is wider than 0.9 to 1.1.

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.refusals import refused
 from tests.type_prior.cases import MEASURED, MICRO, SCATTER, TERMS, calibrations, new_sensors
 from tests.type_prior.populations import draw
@@ -182,7 +183,7 @@ def test_mounting_angles_and_the_scale_of_another_form_are_refused():
         type_prior({**given, "2": replace(given["2"], sensor=sensor)}, ["k1"])
 
 
-@pytest.mark.parametrize("n", [3, 5])
+@pytest.mark.parametrize("n", [3, evidence(5)])
 def test_a_new_sensor_lies_within_u_as_often_as_stated_in_a_small_sample(n: int):
     draws = 40
     inside, _ = new_sensors(np.random.default_rng([12, n]), n, draws, 2)

@@ -6,6 +6,7 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 import pytest
+from tests.base_seeds import evidence
 from tests.host.chamber.simulated_f4t import SimulatedF4t
 from tests.refusals import refused
 
@@ -146,6 +147,8 @@ FAULTS = [
     Fault(KeepsTheLink, {"late reply", "reconnection"}),
     Fault(NeverCloses, {"close"}),
 ]
+# `make slow` plants the others.
+REPRESENTATIVE = (NoLimits, NeverStops, OpensOnce, AnswersWithZero)
 
 
 def failed(results: tuple[CheckResult, ...]) -> set[str]:
@@ -163,21 +166,30 @@ def check(server: SimulatorServer[Any], address: str) -> tuple[CheckResult, ...]
     return check_driver(address, timeout=TIMEOUT, now=lambda: server.device.time)
 
 
-@pytest.mark.parametrize("unit", [15, 30])
+@pytest.mark.parametrize("unit", [15, pytest.param(30, marks=pytest.mark.slow)])
 def test_the_driver_of_the_f4t_passes(unit: int):
     with served(SimulatedF4t(unit)) as server:
         results = check(server, f"watlow-f4t://127.0.0.1:{server.port}?event=1&door=8")
     assert failed(results) == set(), results
 
 
-@pytest.mark.parametrize("form", ["scpi-chamber://127.0.0.1:{}", "scpi-chamber:tcp://localhost:{}"])
+@pytest.mark.parametrize(
+    "form", ["scpi-chamber://127.0.0.1:{}", evidence("scpi-chamber:tcp://localhost:{}")]
+)
 def test_the_scpi_driver_passes_in_both_forms_of_its_address(form: str):
     with served(SimulatedScpiChamber()) as server:
         results = check(server, form.format(server.port) + "?output=1&low=-70&high=150")
     assert failed(results) == set(), results
 
 
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.driver.__name__)
+@pytest.mark.parametrize(
+    "fault",
+    [
+        one if one.driver in REPRESENTATIVE else pytest.param(one, marks=pytest.mark.slow)
+        for one in FAULTS
+    ],
+    ids=[one.driver.__name__ for one in FAULTS],
+)
 def test_a_planted_fault_is_found(fault: Fault):
     with served(SimulatedScpiChamber()) as server, CHAMBERS.with_("own", fault.driver.open):
         address = server.device.driver_address(server.address)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from tests.base_seeds import evidence
 from tests.refusals import refused
 
 from inercal.host.equipment import open_chamber
@@ -33,7 +34,7 @@ def solved(
     return found.y[:, -1]
 
 
-@pytest.mark.parametrize("goal", [353.15, 233.15, 300.0])
+@pytest.mark.parametrize("goal", [353.15, 233.15, evidence(300.0)])
 @pytest.mark.parametrize("case_lag", [600.0, 120.0, 30.0])
 @pytest.mark.parametrize("until", [200.0, 900.0, 4000.0])
 def test_air_and_case_follow_the_differential_equations(goal: float, case_lag: float, until: float):

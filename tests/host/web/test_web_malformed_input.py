@@ -46,6 +46,7 @@ def test_no_name_of_a_request_is_a_path(served: Served, tmp_path: Path):
         assert b"import" not in answer.body, path
 
 
+@pytest.mark.slow
 def test_histories_are_pages_and_without_what_draws_them_one_line(
     served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -160,6 +160,7 @@ def test_no_session_by_hand_begins_during_a_run(tmp_path: Path, table: WatchedTa
         page.until("done")
 
 
+@pytest.mark.slow
 def test_any_viewer_stops_the_table_by_the_watchdog(tmp_path: Path, table: WatchedTable):
     with Served(tmp_path) as served, served.page() as page, served.page() as other:
         begin(page, table)

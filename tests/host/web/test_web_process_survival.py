@@ -140,6 +140,7 @@ def hurried(order: RunRequest) -> RunProcess:
     return RunProcess(replace(order, speed=30.0))
 
 
+@pytest.mark.evidence
 def test_any_viewer_stops_the_table_and_the_operator_may_resume(tmp_path: Path):
     plan(tmp_path / "plans", SHORT.replace("outer,90,30", "outer,720,30"))
     with Served(tmp_path, start=hurried) as served, served.page() as page:
