@@ -358,7 +358,7 @@ def row_subset(whole: Problem, at: Indices) -> Problem:
 
     def candidates(x: Array) -> list[Candidate]:
         assert whole.candidates is not None
-        kept = (replace(one, rows=one.rows[at]) for one in whole.candidates(x))
+        kept = (replace(one, rows=one.rows[..., at, :]) for one in whole.candidates(x))
         return [one.without_zero_components() for one in kept if np.any(one.rows)]
 
     return replace(
