@@ -323,6 +323,8 @@ class LinearisedRows:
         """Return a trial point and its cost; see `inercal.estimation.search.Trials`."""
         self._linearised = self._system.evaluate(x)
         tried = self._system.point(x, *self._linearised, self._whitener)
+        if not active.all():
+            tried = LinearisationPoint(*merge(active, tried, point))
         return tried, self.cost(tried)
 
     def with_values(self, point: LinearisationPoint, x: Array, chosen: Bools) -> LinearisationPoint:

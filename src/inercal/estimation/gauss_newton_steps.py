@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.basics.arrays import Array, Bools, Indices
+from inercal.basics.arrays import Array, Bools, Indices, row_products
 from inercal.estimation.singular_values import column_lengths
 
 Places = slice | Indices
@@ -89,8 +89,7 @@ def covariance(rows: Array, weight: Array, prior_rows: Array) -> tuple[Array, Bo
     For the arguments see `solve`. If all trials share rows and weights, they also share the result,
     which then has a single trial.
     """
-    trials, k = max(len(rows), len(weight)), rows.shape[-1]
-    if trials <= QR_MAX_TRIALS:
+    if max(len(rows), len(weight)) <= QR_MAX_TRIALS:
         stacked = _stacked(rows * weight[..., None], prior_rows)
         size = column_lengths(stacked)
         triangle, regular = _regular(np.linalg.qr(stacked / size[:, None])[1])
@@ -129,7 +128,7 @@ def moves(
     move, predicted = np.zeros_like(x), np.zeros(len(x))
     ok = np.zeros(len(x), dtype=bool)
     free = np.where(step.ok[:, None], step.step, 0.0)
-    move[some] = free if basis is None else free @ basis.T
+    move[some] = free if basis is None else row_products(free, basis.T)
     predicted[some], ok[some] = step.predicted, step.ok
     return move, predicted, ok
 

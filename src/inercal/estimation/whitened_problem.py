@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, row_products
 from inercal.basics.errors import InputError
 from inercal.estimation.priors_and_gauges import cholesky
 from inercal.estimation.problem import Problem
@@ -149,7 +149,7 @@ class WhitenedProblem:
         else:
             # The rows are not copied: in a large batch a copy costs as much as the model.
             weight, whitened = inverse, inverse * residual
-        prior = self.prior_target - x @ self.prior_full.T
+        prior = self.prior_target - row_products(x, self.prior_full.T)
         return LinearisationPoint(x, residual, rows, weight, whitened, prior)
 
     def whitener(self, x: Array) -> Whitener:

@@ -6,12 +6,10 @@ from contextvars import ContextVar
 
 import numpy as np
 
-from inercal.basics.errors import InputError, NotObserved
 from inercal.estimation import Estimate, Gaussian, Problem, least_squares, least_squares_of_trials
 from inercal.estimation.fitting import least_squares_each
 from inercal.methods import Priors
 from inercal.recordings import Observations
-
 
 _prepared: ContextVar[list[Estimate] | None] = ContextVar("prepared", default=None)
 _each: ContextVar[list[Estimate | None] | None] = ContextVar("each", default=None)
@@ -48,7 +46,7 @@ def solve_each(estimate: Callable[[], Estimate]) -> list[Estimate | None]:
     found: list[Estimate | None] = []
     token = _each.set(found)
     try:
-        with suppress(_EachFoundError, InputError, NotObserved):
+        with suppress(Exception):  # any: each recording is then solved alone, with its own error
             estimate()
     finally:
         _each.reset(token)

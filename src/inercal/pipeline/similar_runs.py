@@ -6,7 +6,7 @@ from the others' is solved alone, and so is a trial with a violation that needs 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -76,19 +76,20 @@ def _solutions(seen: Sequence[ObservedRun]) -> dict[int, Estimate]:
         if group is None:
             groups.append(group := [])
         group.append(one)
-    found: dict[int, Estimate] = {}
-    for group in groups:
-        if len(group) > 1:
-            first = group[0]
-            run, inputs = first.run, first.inputs
-            stacked = _stacked([one.inputs.observations.without_drift() for one in group])
-            sensor = inputs.sensor_of_samples(run.sensor)
-            each = solve_each(
-                lambda: run.solver()(stacked, sensor, run.bench, inputs.plan, run.priors)
-            )
-            pairs = zip(group, each, strict=False)
-            found |= {id(one): estimate for one, estimate in pairs if estimate is not None}
-    return found
+    return {
+        id(one): estimate
+        for group in groups
+        if len(group) > 1
+        for one, estimate in zip(group, _solve_together(group), strict=False)
+        if estimate is not None
+    }
+
+
+def _solve_together(group: Sequence[ObservedRun]) -> list[Estimate | None]:
+    run, inputs = group[0].run, group[0].inputs
+    stacked = _stacked([one.inputs.observations.without_drift() for one in group])
+    sensor = inputs.sensor_of_samples(run.sensor)
+    return solve_each(lambda: run.solver()(stacked, sensor, run.bench, inputs.plan, run.priors))
 
 
 def _can_be_stacked(one: ObservedRun) -> bool:
