@@ -115,7 +115,7 @@ def test_good_and_bad_recordings_together_have_the_rows_that_they_have_alone(
     assert {name for name, grade in grades.items() if grade == "failed"} >= {
         "missing face", "moving", "text", "damaged", "absent",
     }  # fmt: skip
-    assert together >= 4
+    assert together >= 6
 
 
 @pytest.mark.parametrize("method", ["ferraris", "rates_and_poses", "centrifuge_norm"])

@@ -133,9 +133,9 @@ def _is_undetectable(score: ScoreTest, moved: float) -> bool:
 
 def _largest_shifts(scores: Sequence[ScoreTest], u: Array) -> list[float]:
     """Return the largest shift of a coefficient, in u, due to each cause of the estimated size."""
-    shifts = np.array([one.shift[: len(u)] for one in scores]).reshape(len(scores), -1)
-    known = np.where(u > 0, u, np.inf)[: shifts.shape[1]]
-    return np.max(np.abs(shifts) / known, axis=1, initial=0.0).tolist()
+    shifts = [np.zeros(len(u)), *(one.shift[: len(u)] for one in scores)]
+    relative = np.abs(shifts) / np.where(u > 0, u, np.inf)
+    return np.max(relative, axis=1, initial=0.0).tolist()[1:]
 
 
 def _undetected_sizes(score: ScoreTest, moved: float, sensor: Sensor) -> Array:

@@ -135,7 +135,7 @@ def candidate_function(
         The sensor with the estimated coefficients.
     declared : mapping of str to Parameter
         The bench's parameters by full name.
-    time : (r,) array, optional
+    time : (r,) or (trials, r) array, optional
         Time of each row, s, if a drift of the biases is a candidate.
     families : mapping of str to sequence of str, optional
         Full names of parameters that are tested together. They replace the families of
@@ -373,14 +373,14 @@ def drift_candidates(
     column multiplied by the time of its rows. If all rows have the same time, there are no
     candidates.
     """
-    span = float(np.ptp(time))
+    span = np.ptp(time, axis=-1, keepdims=True)
     channels = {axis.name: axis.measures for axis in sensor.axes}
     rows = _row_labels(observations, sensor)
     labels = list(dict.fromkeys(rows))
-    if not span > 0 or len(labels) != len(time) or len(time) < 3:
+    if not (span > 0).all() or len(labels) != time.shape[-1] or len(labels) < 3:
         return []
-    of_row = dict(zip(labels, (time - time.mean()) / span, strict=True))
-    ramp = np.array([of_row[row] for row in rows])
+    at = [labels.index(row) for row in rows]
+    ramp = ((time - time.mean(axis=-1, keepdims=True)) / span)[..., at]
     result: list[Candidate] = []
     for kind, quantity in QUANTITIES.items():
         own: list[Column] = []

@@ -13,6 +13,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.estimation import Estimate
 from inercal.methods.solving import solve_each
+from inercal.physics.plan import Hold
 from inercal.pipeline.outcome import Outcome
 from inercal.pipeline.run_calibration import ObservedRun, calibrate_run, observed
 from inercal.recordings import Observations
@@ -95,14 +96,18 @@ def _solve_together(group: Sequence[ObservedRun]) -> list[Estimate | None]:
 def _can_be_stacked(one: ObservedRun) -> bool:
     rows, run = one.inputs.observations, one.run
     special = (one.thermal, one.inputs.bench, run.search, rows.transitions, rows.halves,
-               rows.track, rows.temperature, rows.common, rows.magnetic)  # fmt: skip
-    return run.method.name in _METHODS and all(one is None for one in special)
+               rows.track, rows.common, rows.magnetic)  # fmt: skip
+    warming = rows.temperature is not None and (
+        rows.temperature_varies or run.sensor.uses("dT", "dTdt")
+    )
+    return run.method.name in _METHODS and not warming and all(s is None for s in special)
 
 
 def _is_similar(one: ObservedRun, other: ObservedRun) -> bool:
-    """Return whether two runs differ only in their means and the covariance of these."""
+    """Return whether two runs differ only in their means, the covariance of these, and times."""
     (a, b), (x, y) = (one.run, other.run), (one.inputs, other.inputs)
     rows, others = x.observations, y.observations
+    rests = all(isinstance(step, Hold) for step in x.steps)  # their durations have no effect
     return (
         a.method is b.method
         and a.estimator == b.estimator
@@ -110,8 +115,7 @@ def _is_similar(one: ObservedRun, other: ObservedRun) -> bool:
         and a.priors is b.priors
         and (a.sensor.axes, a.sensor.coefficients) == (b.sensor.axes, b.sensor.coefficients)
         and (x.plan, rows.labels, rows.channels) == (y.plan, others.labels, others.channels)
-        and np.array_equal(rows.duration, others.duration)
-        and np.array_equal(rows.time, others.time)
+        and (rests or np.array_equal(rows.duration, others.duration))
     )
 
 
@@ -123,7 +127,7 @@ def _stacked(rows: Sequence[Observations]) -> Observations:
         np.stack([one.covariance for one in rows]),
         first.duration,
         first.samples,
-        first.time,
+        np.stack([one.time for one in rows]),
         first.channels,
         whole=np.stack([one.full_covariance for one in rows]),
         correlated=any(one.between_rows is not None for one in rows),
