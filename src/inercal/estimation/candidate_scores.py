@@ -6,7 +6,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from inercal.basics.arrays import Array, Indices
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.estimation.scores import Candidate, ExplainedResidual, ScoreTest, ScoreTestSet
 from inercal.estimation.singular_values import column_lengths, svds
 
@@ -121,11 +121,11 @@ def _tests_of_batch(
     for (_, without_size, _), members in groups.items():
         some = [one for _, one, _ in members]
         at = np.array([range(part.start, part.stop) for _, _, part in members])
-        apart = [np.moveaxis(a[:, :, at], 1, 2) for a in (columns, taken, left)]
-        apart[2][:, [one.components in spanned for one in some]] = 0.0
+        own, absorbed, rest = (np.moveaxis(a[:, :, at], 1, 2) for a in (columns, taken, left))
+        rest[:, [one.components in spanned for one in some]] = 0.0
         longest = np.max(length[:, at] * unit[:, at], axis=-1)
         visible = 0.0 if without_size else _VISIBLE
-        tests, u = _score_tests(some, longest, visible, unit[:, at], *apart, fit)
+        tests, u = _score_tests(some, longest, visible, unit[:, at], own, absorbed, rest, fit)
         bases.append(np.moveaxis(u, 1, 2).reshape(trials, m, -1))
         for of_trial, tested in zip(result, tests, strict=True):
             for (place, _, _), score in zip(members, tested, strict=True):
@@ -195,7 +195,8 @@ def _score_tests(
     open_ = np.linalg.norm(v, axis=-2) < 1 - 1e-6
     explained = (columns @ size[..., None])[..., 0]
     absorbed = (taken @ size[..., None])[..., 0]
-    acting = [np.flatnonzero(row) for row in np.any(columns != 0.0, axis=(0, -1))]
+    nonzero: Bools = np.any(columns != 0.0, axis=(0, -1))
+    acting = [np.flatnonzero(row) for row in nonzero]
     shares = s[..., 0] / np.maximum(longest, 1e-300)
     numbers = np.sum(t**2, axis=-1), shown.sum(axis=-1), shares
     chi2, dof, share = (one.tolist() for one in numbers)
