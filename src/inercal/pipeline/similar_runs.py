@@ -107,7 +107,7 @@ def _is_similar(one: ObservedRun, other: ObservedRun) -> bool:
     """Return whether two runs differ only in their means, the covariance of these, and times."""
     (a, b), (x, y) = (one.run, other.run), (one.inputs, other.inputs)
     rows, others = x.observations, y.observations
-    rests = all(isinstance(step, Hold) for step in x.steps)  # their durations have no effect
+    rests = all(isinstance(step, Hold) for step in x.steps)  # their times only matter to a drift
     return (
         a.method is b.method
         and a.estimator == b.estimator
@@ -116,18 +116,19 @@ def _is_similar(one: ObservedRun, other: ObservedRun) -> bool:
         and (a.sensor.axes, a.sensor.coefficients) == (b.sensor.axes, b.sensor.coefficients)
         and (x.plan, rows.labels, rows.channels) == (y.plan, others.labels, others.channels)
         and (rests or np.array_equal(rows.duration, others.duration))
+        and (rests or np.array_equal(rows.time, others.time))
     )
 
 
 def _stacked(rows: Sequence[Observations]) -> Observations:
-    first = rows[0]
+    first, times = rows[0], np.stack([one.time for one in rows])
     return _SimilarObservations(
         first.labels,
         np.stack([one.mean for one in rows]),
         np.stack([one.covariance for one in rows]),
         first.duration,
         first.samples,
-        np.stack([one.time for one in rows]),
+        times if np.ptp(times, axis=0).any() else first.time,
         first.channels,
         whole=np.stack([one.full_covariance for one in rows]),
         correlated=any(one.between_rows is not None for one in rows),
