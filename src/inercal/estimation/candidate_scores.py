@@ -195,7 +195,7 @@ def _score_tests(
     open_ = np.linalg.norm(v, axis=-2) < 1 - 1e-6
     explained = (columns @ size[..., None])[..., 0]
     absorbed = (taken @ size[..., None])[..., 0]
-    nonzero: Bools = np.any(columns != 0.0, axis=(0, -1))
+    nonzero: Bools = np.asarray(np.any(columns != 0.0, axis=(0, -1)))
     acting = [np.flatnonzero(row) for row in nonzero]
     shares = s[..., 0] / np.maximum(longest, 1e-300)
     numbers = np.sum(t**2, axis=-1), shown.sum(axis=-1), shares

@@ -293,6 +293,7 @@ class LinearisedRows:
         self.first = system.first
         self.reweighted = loss is not None or not system.constant_noise
         self._whitener = system.first_whitener
+        self._active = np.ones(self.trials, dtype=bool)
         self._linearised = system.first.residual, system.first.rows  # until a point is tried
 
     def cost(self, point: LinearisationPoint) -> Array:
@@ -323,8 +324,7 @@ class LinearisedRows:
         """Return a trial point and its cost; see `inercal.estimation.search.Trials`."""
         self._linearised = self._system.evaluate(x)
         tried = self._system.point(x, *self._linearised, self._whitener)
-        if not active.all():
-            tried = LinearisationPoint(*merge(active, tried, point))
+        self._active = active
         return tried, self.cost(tried)
 
     def with_values(self, point: LinearisationPoint, x: Array, chosen: Bools) -> LinearisationPoint:
@@ -335,7 +335,7 @@ class LinearisedRows:
         self, tried: LinearisationPoint, point: LinearisationPoint, chosen: Bools
     ) -> LinearisationPoint:
         """Return the merged point; see `inercal.estimation.search.Trials`."""
-        system, x = self._system, tried.x
+        system, x, chosen = self._system, tried.x, chosen & self._active
         x = x if chosen.all() else np.where(chosen[:, None], x, point.x)
         # If every trial stays at its point, keep the weights too: a model beyond its fold is slow.
         if not system.constant_noise and chosen.any():

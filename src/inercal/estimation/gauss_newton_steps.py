@@ -147,7 +147,7 @@ def _regular(triangles: Array) -> tuple[Array, Bools]:
         return np.broadcast_to(np.eye(k), (trials, k, k)), np.zeros(trials, dtype=bool)
     diagonal = np.abs(np.diagonal(triangles, axis1=-2, axis2=-1))
     most = np.max(diagonal, axis=-1, initial=0.0, keepdims=True)
-    regular: Bools = np.all(diagonal > 1e-14 * most, axis=-1)
+    regular = np.asarray(np.all(diagonal > 1e-14 * most, axis=-1), dtype=bool)
     return np.where(regular[:, None, None], triangles, np.eye(k)), regular
 
 
