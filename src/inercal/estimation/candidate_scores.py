@@ -189,7 +189,7 @@ def _score_tests(
     if some[0].moved is not None:
         further = np.array([one.moved for one in some]) * unit[..., None, :]
         shifts = further + (shifts if shifts.size else 0.0)
-    seen = shown.any(axis=-1)
+    seen: Bools = np.asarray(np.any(shown, axis=-1))
     one_shift = (shifts @ size[..., None])[..., 0]
     shift = np.where(seen[..., None], one_shift, np.linalg.norm(shifts, axis=-1))
     open_ = np.linalg.norm(v, axis=-2) < 1 - 1e-6

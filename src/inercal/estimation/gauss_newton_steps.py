@@ -142,9 +142,11 @@ def _stacked(rows: Array, prior_rows: Array) -> Array:
 
 def _regular(triangles: Array) -> tuple[Array, Bools]:
     """Return triangles (trials, k, k), where a singular one is the identity, and which are not."""
-    trials, rows, k = triangles.shape
+    rows, k = triangles.shape[1:]
     if rows < k:
-        return np.broadcast_to(np.eye(k), (trials, k, k)), np.zeros(trials, dtype=bool)
+        return np.broadcast_to(np.eye(k), (len(triangles), k, k)), np.zeros(
+            len(triangles), dtype=bool
+        )
     diagonal = np.abs(np.diagonal(triangles, axis1=-2, axis2=-1))
     most = np.max(diagonal, axis=-1, initial=0.0, keepdims=True)
     regular = np.asarray(np.all(diagonal > 1e-14 * most, axis=-1), dtype=bool)
