@@ -10,23 +10,25 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import cast
 
 import numpy as np
 from distributed import LocalCluster
 from tests.fleet import simulated_line
 from tests.fleet.lines import TEMPLATE, make_line
 
-from benchmarks import Duration, Row, Skipped
+from benchmarks import Duration, Row, Skipped, best
 from benchmarks.start_up import processor_time
 from inercal.basics.parallel import available_cores, open_tolerant_executor
 from inercal.fleet import results
-from inercal.fleet.batch import BatchDone, Work
+from inercal.fleet.batch import BatchDone, Work, compute_batch
 from inercal.fleet.calibration import Counts, Scheduling
 from inercal.fleet.line import Line, SensorRow, read_line
 from inercal.fleet.recordings import Version
 from inercal.fleet.time_limit import TimeLimit
 
 SENSORS, EACH = 2000, 1667  # recordings, samples of each position
+TOGETHER = 100  # sensors of a batch
 LOOP = 5  # calls of `inercal calibrate` by which a loop over the program is judged
 REPORTED = 100_000  # sensors
 SIZES = (1_000, 10_000, 100_000)  # tasks that compute nothing
@@ -69,6 +71,36 @@ def calibrate_one(folder: Path, k: int) -> Duration:
     return processor_time("calibrate", run, "--no-report", "--out", folder / "one")
 
 
+class NoParts:
+    """Takes the place of `ResultWriter`, and writes nothing."""
+
+    def write(self, rows: Sequence[object]) -> None:
+        """Discard the rows."""
+
+
+def load_and_average(path: Path) -> list[np.ndarray]:
+    """Do what no program can leave out: load the arrays, and average the six positions."""
+    with np.load(path) as archive:
+        labels, _ = archive["face"], archive["t"]
+        readings = np.stack([archive[name] for name in "xyz"])
+    ends = np.flatnonzero(labels[1:] != labels[:-1]) + 1
+    return [part.mean(axis=1) for part in np.split(readings, ends, axis=1)]
+
+
+def sensor_rows(folder: Path) -> Iterator[Row]:
+    """Measure a sensor of a batch in this process, beside loading and averaging alone."""
+    line = read_line(folder)
+    work = [Work(row, line.digest(row), Version(0, "")) for row in line.rows[:TOGETHER]]
+    paths = [folder / one.row.recording for one in work]
+    loaded = best(lambda: [load_and_average(path) for path in paths])
+    out = cast(results.ResultWriter, NoParts())
+    ours = best(lambda: compute_batch(line, out, work))
+    each = 1e3 / TOGETHER * ours
+    name = "fleet: a sensor of a batch, 10⁴ samples"
+    yield Row(name, each, 6.0, "limit", "ms")
+    yield Row(name, each, 1e3 / TOGETHER * loaded, "np.load and six means", "ms", to_reach=0.2)
+
+
 def report_rows() -> Iterator[Row]:
     """Measure the report over a hundred thousand sensors of drawn results."""
     with TemporaryDirectory() as name:
@@ -97,6 +129,7 @@ def rows() -> Iterator[Row | Skipped]:
     yield from report_rows()
     with TemporaryDirectory() as name:
         folder = make_line(Path(name), SENSORS, EACH)
+        yield from sensor_rows(folder)
         one, two = fleet(folder, 1), fleet(folder, 2)
         what = f"fleet: {SENSORS} recordings of 10⁴ samples"
         yield Row(f"{what}, two workers, CPU", two, 1.4 * one, "1.4 × one worker")

@@ -77,8 +77,8 @@ def test_a_singular_trial_is_marked_and_spoils_no_other():
 
 @pytest.mark.parametrize("damped", [False, True])
 def test_one_by_one_and_together_give_the_same_step(damped: bool):
-    rows, weight, u, prior_rows, v = case(20, 12, 7)
-    damping = np.full(20, 0.1 if damped else 0.0)
+    rows, weight, u, prior_rows, v = case(80, 12, 7)
+    damping = np.full(80, 0.1 if damped else 0.0)
     together = gauss_newton_steps.solve(rows, weight, u, prior_rows, v, damping)
     few = slice(0, gauss_newton_steps.QR_MAX_TRIALS)
     alone = gauss_newton_steps.solve(

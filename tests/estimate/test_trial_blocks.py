@@ -92,9 +92,9 @@ def packed(y: Array) -> Problem:
 
 @pytest.fixture
 def short_blocks(monkeypatch: pytest.MonkeyPatch) -> int:
-    """Make blocks of 30 trials."""
-    monkeypatch.setattr(trial_blocks, "BLOCK_TRIALS", 30)
-    return 30
+    """Make blocks of 80 trials, which are solved by normal equations."""
+    monkeypatch.setattr(trial_blocks, "BLOCK_TRIALS", 80)
+    return 80
 
 
 def test_normal_equations_take_the_place_of_the_jacobians(short_blocks: int):

@@ -15,3 +15,8 @@ def true_ranges(mask: Bools) -> Indices:
     [[0, 1], [2, 4]]
     """
     return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)
+
+
+def row_products(rows: Array, matrix: Array) -> Array:
+    """Return each row, (..., p), times a matrix (p, q); other rows do not affect its rounding."""
+    return (rows[..., None, :] @ matrix)[..., 0, :]

@@ -10,6 +10,7 @@ import datetime as dt
 import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from functools import cache
 from importlib.metadata import version
 from math import isfinite, nan
 from pathlib import Path
@@ -102,10 +103,16 @@ def document_text(content: Mapping[str, Any]) -> str:
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+@cache
+def installed_version() -> str:
+    """Return the version of inercal."""
+    return version("inercal")
+
+
 def origin() -> dict[str, str]:
     """Return the last fields of a document: the date, and the version of inercal."""
     now = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
-    return {"created": now, "inercal": version("inercal")}
+    return {"created": now, "inercal": installed_version()}
 
 
 def read_document(path: Path, model: type[Content], verb: str) -> Content:

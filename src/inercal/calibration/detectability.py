@@ -73,12 +73,12 @@ def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[Undetectabl
     sensor : Sensor
     """
     scores = estimate.score_tests.scores
-    u = estimate.std[: len(sensor.coefficients)]
+    shifts = _largest_shifts(scores, estimate.std[: len(sensor.coefficients)])
     found: dict[str, UndetectableCause] = {}
-    for one in scores:
-        if one.kind not in ("coefficient", "time") or not _is_undetectable(one, u):
+    for one, moved in zip(scores, shifts, strict=True):
+        if one.kind not in ("coefficient", "time") or not _is_undetectable(one, moved):
             continue
-        sizes = _undetected_sizes(one, u, sensor)
+        sizes = _undetected_sizes(one, moved, sensor)
         if one.kind == "coefficient":
             largest = [coefficient_definition(sensor, full).largest for full in one.components]
             if np.any(sizes > largest):
@@ -89,8 +89,8 @@ def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[Undetectabl
                 found[name] = UndetectableCause(name, one.components[0], float(sizes[0]))
         elif one.kind == "coefficient" and one.dof:
             found.setdefault(one.name, UndetectableCause(one.name, one.components[0], np.nan))
-    rows = [one for one in scores if one.kind == "row"]
-    if 2 * sum(_is_undetectable(one, u) for one in rows) > len(rows):
+    rows = [pair for pair in zip(scores, shifts, strict=True) if pair[0].kind == "row"]
+    if 2 * sum(_is_undetectable(*pair) for pair in rows) > len(rows):
         found["row"] = UndetectableCause("row", "", np.nan)
     return tuple(found.values())
 
@@ -107,22 +107,23 @@ def undetectable_exact_parameters(
     expected : mapping of str to Parameter
         Stated parameters of the bench, by full name.
     """
-    u = estimate.std[: len(sensor.coefficients)]
-    return tuple(
-        one.name
+    exact = [
+        one
         for one in estimate.score_tests.scores
         if one.kind == "bench"
         and all(
             name in expected and expected[name].sd == 0 and expected[name].scope != "position"
             for name in one.components
         )
-        and _is_undetectable(one, u)
-    )
+    ]
+    shifts = _largest_shifts(exact, estimate.std[: len(sensor.coefficients)])
+    pairs = zip(exact, shifts, strict=True)
+    return tuple(one.name for one, moved in pairs if _is_undetectable(one, moved))
 
 
-def _is_undetectable(score: ScoreTest, u: Array) -> bool:
-    """Return whether a cause shifts a coefficient by 5 u before a test detects it."""
-    moved, eta = _largest_shift(score, u), float(np.sqrt(score.chi2))
+def _is_undetectable(score: ScoreTest, moved: float) -> bool:
+    """Return whether a cause, which shifts a coefficient by `moved` u, reaches 5 u undetected."""
+    eta = float(np.sqrt(score.chi2))
     if not score.dof:
         if score.kind in ("row", "time"):  # no plausible size is known, so any shift counts
             return moved > _ROUNDING
@@ -130,18 +131,19 @@ def _is_undetectable(score: ScoreTest, u: Array) -> bool:
     return DETECTABLE_NORM * moved > CRITICAL_SHIFT * eta
 
 
-def _largest_shift(score: ScoreTest, u: Array) -> float:
-    """Return the largest shift of a coefficient, in u, due to a cause of the estimated size."""
-    shift = np.abs(score.shift[: len(u)])
-    return float(np.max(shift / np.where(u > 0, u, np.inf), initial=0.0))
+def _largest_shifts(scores: Sequence[ScoreTest], u: Array) -> list[float]:
+    """Return the largest shift of a coefficient, in u, due to each cause of the estimated size."""
+    shifts = [np.zeros(len(u)), *(one.shift[: len(u)] for one in scores)]
+    relative = np.abs(shifts) / np.where(u > 0, u, np.inf)
+    return np.max(relative, axis=1, initial=0.0).tolist()[1:]
 
 
-def _undetected_sizes(score: ScoreTest, u: Array, sensor: Sensor) -> Array:
+def _undetected_sizes(score: ScoreTest, moved: float, sensor: Sensor) -> Array:
     """Return the size of each component that shifts a coefficient by 5 u, SI, (k,).
 
     The size is NaN if it is unknown.
     """
-    moved, size = _largest_shift(score, u), np.abs(score.size)
+    size = np.abs(score.size)
     if not score.dof:
         if score.kind != "coefficient":
             return np.full(len(size), np.nan)

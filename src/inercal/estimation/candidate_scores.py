@@ -2,12 +2,13 @@
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple, cast
 
 import numpy as np
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.estimation.scores import Candidate, ExplainedResidual, ScoreTest, ScoreTestSet
-from inercal.estimation.singular_values import column_lengths, svd
+from inercal.estimation.singular_values import column_lengths, svds
 
 _ROUNDING = 1e-12  # rounding error of a product of unit columns with a hundred thousand rows
 _FEW_COLUMNS = 1000  # most columns for which the span is computed
@@ -43,43 +44,93 @@ def score_tests(
         Candidate components that are not scored, because the estimated parameters have exactly the
         same effect.
     """
-    dof = len(residual) - jacobian.shape[1]
     if len(residual) > _MANY and isinstance(candidates, Sequence):
         residual, jacobian, candidates = _rotate_rows(residual, jacobian, candidates)
+    return score_tests_of_trials(residual[None], jacobian[None], candidates, to, spanned)[0]
+
+
+def score_tests_of_trials(
+    residual: Array,
+    jacobian: Array,
+    candidates: Iterable[Candidate],
+    to: Array | None = None,
+    spanned: Collection[tuple[str, ...]] = (),
+) -> list[ScoreTestSet]:
+    """Return the score tests of the same candidates in several trials.
+
+    The arguments are as for `score_tests`, with residuals (trials, m), Jacobians (trials, m, p) and
+    rows of candidates (trials, m, k) or (m, k).
+    """
+    trials, m, p = jacobian.shape
     size_of = column_lengths(jacobian)
-    q, triangle = np.linalg.qr(jacobian / size_of)
-    back = np.linalg.pinv(triangle) / size_of[:, None]
-    back = back if to is None else to @ back
-    result: list[ScoreTest] = []
+    q, triangle = np.linalg.qr(jacobian / size_of[:, None])
+    back = np.linalg.pinv(triangle) / size_of[..., None]
+    fit = _Fit(residual, np.swapaxes(q, -1, -2), back if to is None else to @ back)
+    result: list[list[ScoreTest]] = [[] for _ in range(trials)]
     bases: list[Array] = []
-    columns_of, few = 0, min(_FEW_COLUMNS, _NUMBERS // max(len(residual), 1))
+    columns_of, few = np.zeros(trials, dtype=int), min(_FEW_COLUMNS, _NUMBERS // max(m, 1))
     for batch in _batches(candidates):
-        lengths = [np.linalg.norm(one.rows, axis=0) for one in batch]
-        units = [_unit(one, length) for one, length in zip(batch, lengths, strict=True)]
-        columns = np.concatenate([one.rows for one in batch], axis=1) * np.concatenate(units)
-        taken = q.T @ columns
-        left = columns - q @ taken
-        left -= q @ (q.T @ left)  # repeated, because the remainder may be a millionth of the column
-        start = 0
-        for one, length, unit in zip(batch, lengths, units, strict=True):
-            part = slice(start, start := start + unit.size)
-            score, u = _score_test(
-                one,
-                length,
-                unit,
-                columns[:, part],
-                taken[:, part],
-                np.zeros_like(left[:, part]) if one.components in spanned else left[:, part],
-                residual,
-                back,
-            )
-            result.append(score)
-            columns_of += score.dof
-            if columns_of <= few:
-                bases.append(u)
+        tests, shown = _tests_of_batch(batch, fit, spanned)
+        for of_trial, some in zip(result, tests, strict=True):
+            of_trial += some
+        columns_of += [sum(one.dof for one in some) for some in tests]
+        if columns_of.max() <= few:
+            bases.append(shown)
     # With very many columns the largest possible span is used: the bound is valid, but wider.
-    span = _rank(bases) if columns_of <= few else min(columns_of, dof)
-    return ScoreTestSet(tuple(result), span, float(residual @ residual), dof)
+    most = np.minimum(columns_of, m - p)
+    spans: list[int] = (_ranks(bases, trials) if columns_of.max() <= few else most).tolist()
+    chi2: list[float] = (residual[:, None] @ residual[..., None])[:, 0, 0].tolist()
+    return [
+        ScoreTestSet(tuple(some), span, square, m - p)
+        for some, span, square in zip(result, spans, chi2, strict=True)
+    ]
+
+
+class _Fit(NamedTuple):
+    """What all candidates need: r, Qᵀ, and the matrix from Qᵀc to shifts of the estimate."""
+
+    residual: Array  # (trials, m)
+    project: Array  # (trials, p, m)
+    back: Array  # (trials, q, p)
+
+
+def _tests_of_batch(
+    batch: Sequence[Candidate], fit: _Fit, spanned: Collection[tuple[str, ...]]
+) -> tuple[list[list[ScoreTest]], Array]:
+    """Return each trial's tests, and the directions that they detect, (trials, m, d)."""
+    trials, m = fit.residual.shape
+    rows = [np.broadcast_to(one.rows, (trials, m, len(one.components))) for one in batch]
+    columns = np.concatenate(rows, axis=-1)
+    length = np.linalg.norm(columns, axis=-2)
+    unit = 1 / np.where(length > 0, length, 1.0)
+    groups: dict[tuple[int, bool, bool], list[tuple[int, Candidate, slice]]] = {}
+    start = 0
+    for place, one in enumerate(batch):
+        part = slice(start, start := start + len(one.components))
+        if one.largest is not None:
+            unit[:, part] = one.largest
+        alike = len(one.components), one.largest is None, one.moved is None
+        groups.setdefault(alike, []).append((place, one, part))
+    columns *= unit[:, None]
+    taken = fit.project @ columns
+    q = np.swapaxes(fit.project, -1, -2)
+    left = columns - q @ taken
+    left -= q @ (fit.project @ left)  # repeated, as the remainder may be a millionth of the column
+    result: list[list[ScoreTest | None]] = [[None] * len(batch) for _ in range(trials)]
+    bases: list[Array] = []
+    for (_, without_size, _), members in groups.items():
+        some = [one for _, one, _ in members]
+        at = np.array([range(part.start, part.stop) for _, _, part in members])
+        own, absorbed, rest = (np.moveaxis(a[:, :, at], 1, 2) for a in (columns, taken, left))
+        rest[:, [one.components in spanned for one in some]] = 0.0
+        longest = np.max(length[:, at] * unit[:, at], axis=-1)
+        visible = 0.0 if without_size else _VISIBLE
+        tests, u = _score_tests(some, longest, visible, unit[:, at], own, absorbed, rest, fit)
+        bases.append(np.moveaxis(u, 1, 2).reshape(trials, m, -1))
+        for of_trial, tested in zip(result, tests, strict=True):
+            for (place, _, _), score in zip(members, tested, strict=True):
+                of_trial[place] = score
+    return cast(list[list[ScoreTest]], result), np.concatenate(bases, axis=-1)
 
 
 def _batches(candidates: Iterable[Candidate]) -> Iterator[list[Candidate]]:
@@ -96,71 +147,85 @@ def _batches(candidates: Iterable[Candidate]) -> Iterator[list[Candidate]]:
         yield batch
 
 
-def _unit(candidate: Candidate, length: Array) -> Array:
-    """Return the component sizes that scale the columns, (k,)."""
-    if candidate.largest is not None:
-        return candidate.largest
-    return np.asarray(1 / np.where(length > 0, length, 1.0))
-
-
-def _score_test(
-    one: Candidate,
-    length: Array,
+def _score_tests(
+    some: Sequence[Candidate],
+    longest: Array,
+    visible: float,
     unit: Array,
     columns: Array,
     taken: Array,
     left: Array,
-    residual: Array,
-    back: Array,
-) -> tuple[ScoreTest, Array]:
-    """Return one candidate's test and a basis of its effect on the residuals, (m, k).
+    fit: _Fit,
+) -> tuple[list[list[ScoreTest]], Array]:
+    """Return the tests of c candidates with k components each in every trial, t.
 
     Parameters
     ----------
-    one : Candidate
-    length, unit : (k,) arrays
-        Lengths of the candidate's columns, and the component sizes for which `columns` were
-        computed.
-    columns, taken, left : (m, k), (p, k) and (m, k) arrays
+    some : sequence of c Candidate
+    longest : (t, c) array
+        Length of the longest of each candidate's columns.
+    visible : float
+        Smallest singular value of a direction that counts as detected.
+    unit : (t, c, k) array
+        The component sizes for which `columns` were computed.
+    columns, taken, left : (t, c, m, k), (t, c, p, k) and (t, c, m, k) arrays
         The effect of these sizes on the rows, the part that the fit absorbs, and the remainder.
-    residual : (m,) array
-    back : (q, p) array
-        Matrix from the absorbed part to shifts of the estimate.
+    fit : _Fit
+
+    Returns
+    -------
+    list of t lists of c ScoreTest, and the directions that they detect, (t, c, m, d), or zero.
     """
-    u, s, v = svd(left, full_matrices=False)
-    longest = float(np.max(length * unit, initial=0.0))
-    least = _MIN_RESIDUAL_SHARE * longest
-    shown = s > (least if one.largest is None else max(least, _VISIBLE))
-    k, largest = int(shown.sum()), float(s[0]) if s.size else 0.0
-    u, s, v = u[:, :k], s[:k], v[:k]
-    t = u.T @ residual
-    size, sd = v.T @ (t / s), np.sqrt(np.sum((v.T / s) ** 2, axis=1))
+    u, s, v = svds(left)
+    shown = s > np.maximum(_MIN_RESIDUAL_SHARE * longest, visible)[..., None]
+    inverse = np.where(shown, 1 / np.where(shown, s, 1.0), 0.0)
+    u = u * shown[..., None, :]
+    v = v * shown[..., None]
+    t = (fit.residual[:, None, None] @ u)[..., 0, :]
+    size = ((t * inverse)[..., None, :] @ v)[..., 0, :]
+    sd = np.sqrt(np.sum((v * inverse[..., None]) ** 2, axis=-2))
     # For undetectable effects: how far the largest plausible sizes would move the estimate.
-    moves = size[:, None] if k else np.eye(len(unit))
-    shifts = back @ (taken @ moves)
-    if one.moved is not None:
-        shifts = one.moved @ (unit[:, None] * moves) + (shifts if shifts.size else 0.0)
-    shift = shifts[:, 0] if k else np.linalg.norm(shifts, axis=1)
-    open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(unit), dtype=bool)
-    at = np.flatnonzero(np.any(columns != 0.0, axis=1))
-    score = ScoreTest(
-        one.name,
-        one.kind,
-        one.components,
-        one.units,
-        np.where(open_, np.nan, size * unit),
-        np.where(open_, np.nan, sd * unit),
-        float(t @ t),
-        k,
-        shift,
-        ExplainedResidual(at, columns[at] @ size, taken @ size),
-        one.largest,
-        one.stated_sds,
-        one.changes,
-        largest / max(longest, 1e-300),
-        size * unit,
-    )
-    return score, u
+    shifts = fit.back[:, None] @ taken
+    if some[0].moved is not None:
+        further = np.array([one.moved for one in some]) * unit[..., None, :]
+        shifts = further + (shifts if shifts.size else 0.0)
+    seen: Bools = np.asarray(np.any(shown, axis=-1))
+    one_shift = (shifts @ size[..., None])[..., 0]
+    shift = np.where(seen[..., None], one_shift, np.linalg.norm(shifts, axis=-1))
+    open_ = np.linalg.norm(v, axis=-2) < 1 - 1e-6
+    explained = (columns @ size[..., None])[..., 0]
+    absorbed = (taken @ size[..., None])[..., 0]
+    nonzero: Bools = np.asarray(np.any(columns != 0.0, axis=(0, -1)))
+    acting = [np.flatnonzero(row) for row in nonzero]
+    shares = s[..., 0] / np.maximum(longest, 1e-300)
+    numbers = np.sum(t**2, axis=-1), shown.sum(axis=-1), shares
+    chi2, dof, share = (one.tolist() for one in numbers)
+    least_size = size * unit
+    stated, stated_sd = (np.where(open_, np.nan, one) for one in (least_size, sd * unit))
+    tests = [
+        [
+            ScoreTest(
+                one.name,
+                one.kind,
+                one.components,
+                one.units,
+                stated[k, c],
+                stated_sd[k, c],
+                chi2[k][c],
+                dof[k][c],
+                shift[k, c],
+                ExplainedResidual(acting[c], explained[k, c, acting[c]], absorbed[k, c]),
+                one.largest,
+                one.stated_sds,
+                one.changes,
+                share[k][c],
+                least_size[k, c],
+            )
+            for c, one in enumerate(some)
+        ]
+        for k in range(len(longest))
+    ]
+    return tests, u
 
 
 def spanned_candidates(
@@ -221,12 +286,12 @@ def rows_from_products(gram: Array, product: Array) -> tuple[Array, Array]:
     return (basis.T @ (product / length)) / root, (root[:, None] * basis.T) * length
 
 
-def _rank(spaces: Sequence[Array]) -> int:
-    """Return the dimension of the sum of spaces, each given by an orthonormal basis (m, k)."""
-    columns = [space for space in spaces if space.shape[1]]
-    if not columns:
-        return 0
-    whole = np.concatenate(columns, axis=1)
-    gram = whole @ whole.T if whole.shape[0] <= whole.shape[1] else whole.T @ whole
+def _ranks(spaces: Sequence[Array], trials: int) -> Indices:
+    """Return the dimensions of the sums of spaces, given by orthonormal bases (trials, m, k)."""
+    whole = np.concatenate(spaces, axis=-1) if spaces else np.zeros((trials, 0, 0))
+    across = np.swapaxes(whole, -1, -2)
+    gram = whole @ across if whole.shape[1] <= whole.shape[2] else across @ whole
+    if not gram.size:
+        return np.zeros(trials, dtype=np.intp)
     values = np.linalg.eigvalsh(gram)
-    return int(np.sum(values > 1e-9 * values[-1]))
+    return np.sum(values > 1e-9 * values[:, -1:], axis=-1)

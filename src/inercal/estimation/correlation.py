@@ -12,6 +12,7 @@ section 6.2 (moderated variances).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -25,6 +26,7 @@ _LEVEL = 0.01  # significance level of the likelihood ratio for a correlation
 # Significance levels to exclude a long memory, and to exclude all short memories.
 _EXCLUDED, _EXCLUDED_SHORT = 0.01, 0.05
 _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 3e3, 28)])  # ρ
+_KEPT = 128  # forms of recordings whose ratios are kept
 _TIMES = 14  # number of values of τ
 _SHORT, _LONG = 1 / 9, 4.0  # in section lengths; the second one looks like a random walk
 _LONG_RATIOS = np.geomspace(0.1, 3e6, 50)  # ρ for the long memory
@@ -105,25 +107,41 @@ class SectionCorrelations(NamedTuple):
     long: bool = False
 
 
+@lru_cache(_KEPT)
+def _compared_correlations(longest: float, shortest: float) -> tuple[NoiseCorrelation, ...]:
+    """Return white noise, a grid of correlations, and correlations far longer than the sections."""
+    times: Array = np.geomspace(shortest / 4, longest / 2, _TIMES, dtype=np.float64)
+    grid = [NoiseCorrelation(float(ratio), float(time)) for time in times for ratio in _RATIOS[1:]]
+    long = [NoiseCorrelation(float(ratio), _LONG * longest) for ratio in _LONG_RATIOS]
+    return (WHITE, *grid, *long)
+
+
+@lru_cache(_KEPT)
+def _contrast_shapes(
+    longest: float, shortest: float, seconds: float, levels: int
+) -> tuple[Array, Array]:
+    """Return the variance ratios of contrasts for all `_compared_correlations`, and their logs."""
+    every = _compared_correlations(longest, shortest)
+    ratio, tau = (
+        np.array(part)[:, None] for part in zip(*((c.ratio, c.seconds) for c in every), strict=True)
+    )
+    shape = _contrast_variance_ratio(ratio, tau, block_durations(seconds, levels))
+    return shape, np.log(shape)
+
+
 def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> SectionCorrelations:
     """Return the noise correlation of sections, estimated from their `contrast_powers`."""
     longest = max(one.seconds for one in sections)
     shortest = min(one.seconds / 2 ** len(one.levels) for one in sections)
-    times: Array = np.geomspace(shortest / 4, longest / 2, _TIMES, dtype=np.float64)
-    grid = [NoiseCorrelation(float(ratio), float(time)) for time in times for ratio in _RATIOS[1:]]
+    every = _compared_correlations(longest, shortest)
+    choices = len(every) - len(_LONG_RATIOS)
     channels = max(sections[0].levels[0].shape[1], 1)
-    every = [WHITE, *grid]
-    choices = len(every)
-    every += [NoiseCorrelation(float(ratio), _LONG * longest) for ratio in _LONG_RATIOS]
-    ratio, tau = (
-        np.array(part)[:, None] for part in zip(*((c.ratio, c.seconds) for c in every), strict=True)
-    )
     deviance = np.empty((len(sections), len(every)))
     for k, (power, one) in enumerate(zip(powers, sections, strict=True)):
         dof = channels * np.array([len(level) for level in one.levels], dtype=np.float64)
-        shape = _contrast_variance_ratio(ratio, tau, block_durations(one.seconds, len(one.levels)))
+        shape, log = _contrast_shapes(longest, shortest, one.seconds, len(one.levels))
         own = (power / shape) @ dof / dof.sum()
-        deviance[k] = np.log(shape) @ dof + dof.sum() * np.log(np.maximum(own, SMALLEST_VARIANCE))
+        deviance[k] = log @ dof + dof.sum() * np.log(np.maximum(own, SMALLEST_VARIANCE))
     total = deviance.sum(axis=0)
     without = (total - deviance)[:, :choices]
     rise = without[:, 0] - without.min(axis=1)
@@ -134,7 +152,7 @@ def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> 
     )
     if len(sections) < 2 or rise.min() <= bound:
         return SectionCorrelations(WHITE, (WHITE,) * len(sections) if len(sections) < 2 else others)
-    short = tau[:, 0] <= _SHORT * longest
+    short = np.array([one.seconds for one in every]) <= _SHORT * longest
     short[choices:] = False
     least = float(total.min())
     walks = float(total[choices:].min()) - least < float(scipy.special.chdtri(1, _EXCLUDED))

@@ -10,13 +10,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
+from inercal.basics.errors import NotObserved
 from inercal.estimation import gauss_newton_steps, nullspace
-from inercal.estimation.candidate_scores import score_tests, spanned_candidates
+from inercal.estimation.candidate_scores import (
+    score_tests,
+    score_tests_of_trials,
+    spanned_candidates,
+)
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.noise_scale import WhitenedRows
 from inercal.estimation.problem import Problem
-from inercal.estimation.result import NO_ROWS, Estimate
-from inercal.estimation.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet
+from inercal.estimation.result import NO_ROWS, OF_TRIALS, Estimate
+from inercal.estimation.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet, UnlikeTrials
 from inercal.estimation.search import Bools, merge, search
 from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem
 
@@ -81,11 +86,66 @@ def least_squares(
     structure = nullspace.observability(system, system.first)
     point, converged, iterations = search(LinearisedRows(system, loss), max_iterations)
     if converged[0]:
-        # A coincidence at the solution, such as a parameter that is zero, may hide a direction that
-        # the start shows.
-        at_solution = nullspace.observability(system, point)
-        structure = min(structure, at_solution, key=lambda s: s.rank)
+        structure = _least_observable(structure, system, point)
     return estimate_at_solution(system, point, structure, converged, iterations, loss)
+
+
+def least_squares_each(problem: Problem, max_iterations: int = 200) -> list[Estimate | None]:
+    """Solve every trial of a problem as if it were solved alone, with its own score tests.
+
+    The trials share the search and the linearisation for the score tests. The result is None for
+    a trial that must be solved alone, because it has no solution, contradicts its priors or has
+    other candidates than the others.
+
+    Parameters
+    ----------
+    problem : Problem
+        A problem with trials.
+    max_iterations : int, optional
+        Largest number of steps to try.
+
+    Raises
+    ------
+    InputError
+        Shapes, noise or values are invalid.
+    """
+    system = WhitenedProblem(problem)
+    point, converged, iterations = search(LinearisedRows(system), max_iterations)
+    usable = converged & ~np.any(_contradicted_priors(system, point), axis=-1)
+    try:
+        tested = score_tests_of_trials(*_whitened_candidates(system, point), system.basis)
+    except UnlikeTrials:
+        return [None] * system.trials
+
+    whole = estimate_at_solution(system, point, nullspace.UNKNOWN, usable, iterations)
+
+    def alone(k: int) -> Estimate | None:
+        here = point.of_trial(k)
+        try:
+            structure = nullspace.observability(system, system.first.of_trial(k))
+            structure = _least_observable(structure, system, here)
+        except NotObserved:
+            return None
+        return replace(
+            whole,
+            **structure._asdict(),
+            **{name: getattr(whole, name)[k] for name in OF_TRIALS},
+            scoring=LazyValue(lambda: tested[k]),
+            rows=LazyValue(lambda: _whitened_rows(system, point, k)),
+        )
+
+    return [alone(k) if fine else None for k, fine in enumerate(whole.converged.tolist())]
+
+
+def _least_observable(
+    structure: nullspace.Observability, system: WhitenedProblem, point: LinearisationPoint
+) -> nullspace.Observability:
+    """Return the observability at the start or at the solution, whichever shows less.
+
+    A coincidence at the solution, such as a parameter that is zero, may hide a direction that the
+    start shows.
+    """
+    return min(structure, nullspace.observability(system, point), key=lambda s: s.rank)
 
 
 def estimate_at_solution(
@@ -133,52 +193,75 @@ def estimate_at_solution(
     )
 
 
-def _whitened_rows(system: WhitenedProblem, point: LinearisationPoint) -> WhitenedRows:
-    """Return the whitened rows of a single-trial problem at a point."""
-    inverse, full = system.whitener(point.x)
+def _whitened_rows(
+    system: WhitenedProblem, point: LinearisationPoint, trial: int = 0
+) -> WhitenedRows:
+    """Return the whitened rows of a trial at a point."""
+    whitener, own = system.whitener(point.x).of_trial(trial), point.of_trial(trial)
 
     def whiten(rows: Array) -> Array:
-        return inverse[0] @ rows if full else inverse[0][:, None] * rows
+        return whitener.whiten(rows)[0]
 
-    jacobian = point.weight[0][:, None] * point.rows[0]
-    return WhitenedRows(point.whitened[0], jacobian, point.prior[0], system.prior_rows, whiten)
+    jacobian = own.weight[0][:, None] * own.rows[0]
+    return WhitenedRows(own.whitened[0], jacobian, own.prior[0], system.prior_rows, whiten)
 
 
 def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint) -> ScoreTestSet:
     """Return the score tests of the candidates at the solution of a single-trial problem."""
-    jacobian, found = _whitened_candidates(system, point)
-    residual = np.concatenate([point.whitened[0], point.prior[0]])
+    residual, jacobian, found = _whitened_candidates(system, point)
     # Candidates that arrive one by one are not collected: with hundreds of rows they would not fit
     # in memory.
     if not isinstance(found, Sequence):
-        return score_tests(residual, jacobian, found, system.basis)
+        return score_tests(residual[0], jacobian[0], found, system.basis)
     return score_tests(
-        residual, jacobian, found, system.basis, _spanned_at_statements(system, point)
+        residual[0], jacobian[0], found, system.basis, _spanned_at_statements(system, point)
     )
 
 
 def _whitened_candidates(
     system: WhitenedProblem, point: LinearisationPoint
-) -> tuple[Array, Iterable[Candidate]]:
-    """Return the whitened Jacobian and candidates at a point, both including the prior rows."""
+) -> tuple[Array, Array, Iterable[Candidate]]:
+    """Return the whitened residual, Jacobian and candidates at a point, including prior rows.
+
+    They have a trials dimension, except for the candidates of a single-trial problem.
+    """
     assert system.problem.candidates is not None
-    width, left_out = len(system.prior_rows), system.problem.candidates(point.x[0])
-    at = _whitened_rows(system, point)
+    width = len(system.prior_rows)
+    left_out = system.problem.candidates(point.x[0] if system.single else point.x)
+    whitener = system.whitener(point.x)
 
     def whitened(some: Iterable[Candidate]) -> Iterator[Candidate]:
         together = list(some)
-        rows = at.whiten(np.concatenate([one.rows for one in together], axis=1))
-        rows = np.concatenate([rows, np.zeros((width, rows.shape[1]))])
+        lead = () if system.single else (len(point.x),)
+        rows = np.concatenate(
+            [np.broadcast_to(one.rows, (*lead, *one.rows.shape[-2:])) for one in together], axis=-1
+        )
+        rows = whitener.whiten(rows)
+        rows = np.concatenate([rows, np.zeros((len(rows), width, rows.shape[-1]))], axis=1)
+        rows = rows[0] if system.single else rows
         start = 0
         for one in together:
-            stop = start + one.rows.shape[1]
-            yield replace(one, rows=rows[:, start:stop])
+            stop = start + one.rows.shape[-1]
+            yield replace(one, rows=rows[..., start:stop])
             start = stop
 
-    jacobian = np.concatenate([at.jacobian, at.prior_jacobian])
+    residual = np.concatenate([point.whitened, point.prior], axis=-1)
+    jacobian = point.weight[..., None] * point.rows
+    prior = np.broadcast_to(system.prior_rows, (len(jacobian), *system.prior_rows.shape))
+    jacobian = np.concatenate([jacobian, prior], axis=1)
+    jacobian = np.broadcast_to(jacobian, (len(residual), *jacobian.shape[1:]))
     if isinstance(left_out, Sequence):
-        return jacobian, list(whitened(left_out)) if left_out else []
-    return jacobian, (scaled for one in left_out for scaled in whitened([one]))
+        return residual, jacobian, list(whitened(left_out)) if left_out else []
+    return residual, jacobian, (scaled for one in left_out for scaled in whitened([one]))
+
+
+def _contradicted_priors(system: WhitenedProblem, point: LinearisationPoint) -> Bools:
+    """Return which priors of parameters each trial contradicts, (trials, number of priors)."""
+    names, pulled = system.problem.names, [np.zeros((len(point.x), 0), dtype=bool)]
+    for prior in system.problem.priors:
+        away = np.abs(point.x[:, [names.index(name) for name in prior.names]] - prior.mean)
+        pulled.append(away > _PULLED * np.sqrt(np.diagonal(prior.covariance)))
+    return np.concatenate(pulled, axis=-1)
 
 
 def _spanned_at_statements(
@@ -190,16 +273,15 @@ def _spanned_at_statements(
     to row, so a column that lies in the span of the others, such as a scale common to all rows,
     seems to lie outside it. When evaluated at the prior means, the column does lie in the span.
     """
-    x, names = point.x.copy(), system.problem.names
-    for prior in system.problem.priors:
-        at = [names.index(name) for name in prior.names]
-        pulled = np.abs(x[0, at] - prior.mean) > _PULLED * np.sqrt(np.diagonal(prior.covariance))
-        chosen: list[int] = np.array(at)[pulled].tolist()
-        x[0, chosen] = np.broadcast_to(prior.mean, (len(at),))[pulled]
-    if np.array_equal(x, point.x):
+    pulled = _contradicted_priors(system, point)[0]
+    if not pulled.any():
         return frozenset()
-    there = system.point(x, *system.evaluate(x))
-    return spanned_candidates(*_whitened_candidates(system, there))
+    x, priors = point.x.copy(), system.problem.priors
+    at = [system.problem.names.index(name) for prior in priors for name in prior.names]
+    means = np.concatenate([np.broadcast_to(p.mean, len(p.names)) for p in priors])
+    x[0, np.array(at)[pulled]] = means[pulled]
+    _, jacobian, found = _whitened_candidates(system, system.point(x, *system.evaluate(x)))
+    return spanned_candidates(jacobian[0], found)
 
 
 class LinearisedRows:
@@ -211,6 +293,7 @@ class LinearisedRows:
         self.first = system.first
         self.reweighted = loss is not None or not system.constant_noise
         self._whitener = system.first_whitener
+        self._active = np.ones(self.trials, dtype=bool)
         self._linearised = system.first.residual, system.first.rows  # until a point is tried
 
     def cost(self, point: LinearisationPoint) -> Array:
@@ -241,6 +324,7 @@ class LinearisedRows:
         """Return a trial point and its cost; see `inercal.estimation.search.Trials`."""
         self._linearised = self._system.evaluate(x)
         tried = self._system.point(x, *self._linearised, self._whitener)
+        self._active = active
         return tried, self.cost(tried)
 
     def with_values(self, point: LinearisationPoint, x: Array, chosen: Bools) -> LinearisationPoint:
@@ -251,7 +335,7 @@ class LinearisedRows:
         self, tried: LinearisationPoint, point: LinearisationPoint, chosen: Bools
     ) -> LinearisationPoint:
         """Return the merged point; see `inercal.estimation.search.Trials`."""
-        system, x = self._system, tried.x
+        system, x, chosen = self._system, tried.x, chosen & self._active
         x = x if chosen.all() else np.where(chosen[:, None], x, point.x)
         # If every trial stays at its point, keep the weights too: a model beyond its fold is slow.
         if not system.constant_noise and chosen.any():

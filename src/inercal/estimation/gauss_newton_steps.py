@@ -2,7 +2,7 @@
 
 Each step δ minimises |u − A δ|² + |v − B δ|² + λ |D δ|², where A are the whitened rows of the
 observations and B those of the priors. D is the root of the diagonal of AᵀA + BᵀB (Marquardt 1963),
-so neither the damping nor the conditioning depends on units. A few trials are solved one by one by
+so neither the damping nor the conditioning depends on units. A few trials are solved by
 QR factorisation of the rows, which keeps the accuracy of the rows. Many trials are solved together
 by Cholesky factorisation of the normal equations, which is fast and accurate enough for
 column-scaled condition numbers up to about 1e7 (Björck 1996, Numerical Methods for Least Squares
@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.basics.arrays import Array, Bools, Indices
+from inercal.basics.arrays import Array, Bools, Indices, row_products
 from inercal.estimation.singular_values import column_lengths
 
 Places = slice | Indices
 
 # With fewer trials than this, loading the compiled kernel is not worthwhile.
-QR_MAX_TRIALS = 8
+QR_MAX_TRIALS = 64
 
 
 class GaussNewtonSteps(NamedTuple):
@@ -89,17 +89,14 @@ def covariance(rows: Array, weight: Array, prior_rows: Array) -> tuple[Array, Bo
     For the arguments see `solve`. If all trials share rows and weights, they also share the result,
     which then has a single trial.
     """
-    trials, k = max(len(rows), len(weight)), rows.shape[-1]
-    if trials <= QR_MAX_TRIALS:
-        result = np.full((trials, k, k), np.nan)
-        for t, a in enumerate(rows * weight[..., None]):
-            stacked = np.concatenate([a, prior_rows])
-            size = column_lengths(stacked)
-            triangle: Array = np.linalg.qr(stacked / size)[1]
-            if _is_regular(triangle):
-                inverse = np.linalg.inv(triangle) / size[:, None]
-                result[t] = inverse @ inverse.T
-        return result, np.isfinite(result[:, 0, 0])
+    if max(len(rows), len(weight)) <= QR_MAX_TRIALS:
+        stacked = _stacked(rows * weight[..., None], prior_rows)
+        size = column_lengths(stacked)
+        triangle, regular = _regular(np.linalg.qr(stacked / size[:, None])[1])
+        inverse = np.linalg.inv(triangle) / size[..., None]
+        found = inverse @ np.swapaxes(inverse, -1, -2)
+        found[~regular] = np.nan
+        return found, np.isfinite(found[:, 0, 0])
     normal, _ = _normal_equations(rows, weight, np.zeros((1, rows.shape[1])))
     return covariance_packed(normal, prior_rows)
 
@@ -131,34 +128,47 @@ def moves(
     move, predicted = np.zeros_like(x), np.zeros(len(x))
     ok = np.zeros(len(x), dtype=bool)
     free = np.where(step.ok[:, None], step.step, 0.0)
-    move[some] = free if basis is None else free @ basis.T
+    move[some] = free if basis is None else row_products(free, basis.T)
     predicted[some], ok[some] = step.predicted, step.ok
     return move, predicted, ok
 
 
-def _is_regular(triangle: Array) -> bool:
-    diagonal = np.abs(np.diagonal(triangle))
-    square = triangle.shape[0] == triangle.shape[1]
-    return square and bool(np.all(diagonal > 1e-14 * np.max(diagonal, initial=0.0)))
+def _stacked(rows: Array, prior_rows: Array) -> Array:
+    """Return the rows of each trial above those of the priors, (trials, m + b, k)."""
+    return np.concatenate(
+        [rows, np.broadcast_to(prior_rows, (len(rows), *prior_rows.shape))], axis=1
+    )
+
+
+def _regular(triangles: Array) -> tuple[Array, Bools]:
+    """Return triangles (trials, k, k), where a singular one is the identity, and which are not."""
+    rows, k = triangles.shape[1:]
+    if rows < k:
+        return np.broadcast_to(np.eye(k), (len(triangles), k, k)), np.zeros(
+            len(triangles), dtype=bool
+        )
+    diagonal = np.abs(np.diagonal(triangles, axis1=-2, axis2=-1))
+    most = np.max(diagonal, axis=-1, initial=0.0, keepdims=True)
+    regular = np.asarray(np.all(diagonal > 1e-14 * most, axis=-1), dtype=bool)
+    return np.where(regular[:, None, None], triangles, np.eye(k)), regular
 
 
 def _solve_by_qr(
     rows: Array, u: Array, prior_rows: Array, v: Array, damping: Array
 ) -> GaussNewtonSteps:
     (trials, m), k = u.shape, rows.shape[-1]
-    rows = np.broadcast_to(rows, (trials, m, k))
-    result = GaussNewtonSteps(np.zeros((trials, k)), np.zeros(trials), np.zeros(trials, dtype=bool))
-    for t in range(trials):
-        stacked = np.concatenate([rows[t], prior_rows])
-        right = np.concatenate([u[t], v[t]])
-        size = column_lengths(stacked)
-        damped = np.concatenate([stacked / size, np.sqrt(damping[t]) * np.eye(k)])
-        q, triangle = np.linalg.qr(damped)
-        if not _is_regular(triangle):
-            continue
-        step = np.linalg.solve(triangle, q[: len(right)].T @ right)
-        result.step[t] = step / size
-        # δᵀ(AᵀA + λD²)δ + λ δᵀD²δ loses no accuracy to cancellation.
-        result.predicted[t] = np.sum((triangle @ step) ** 2) + damping[t] * np.sum(step**2)
-        result.ok[t] = True
-    return result
+    stacked = _stacked(np.broadcast_to(rows, (trials, m, k)), prior_rows)
+    right = np.concatenate([u, v], axis=-1)
+    size = column_lengths(stacked)
+    damped = np.concatenate(
+        [stacked / size[:, None], np.sqrt(damping)[:, None, None] * np.eye(k)], axis=1
+    )
+    q, triangle = np.linalg.qr(damped)
+    triangle, regular = _regular(triangle)
+    target = np.swapaxes(q[:, : right.shape[1]], -1, -2) @ right[..., None]
+    step = np.linalg.solve(triangle, target)
+    # δᵀ(AᵀA + λD²)δ + λ δᵀD²δ loses no accuracy to cancellation.
+    predicted = np.sum((triangle @ step)[..., 0] ** 2, axis=-1)
+    step = np.where(regular[:, None], step[..., 0], 0.0)
+    predicted = np.where(regular, predicted + damping * np.sum(step**2, axis=-1), 0.0)
+    return GaussNewtonSteps(step / size, predicted, regular)

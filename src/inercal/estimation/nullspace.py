@@ -51,6 +51,9 @@ class Observability(NamedTuple):
     weakest: NullDirection | None
 
 
+UNKNOWN = Observability(0, np.zeros(0), (), None)
+
+
 def observability(system: WhitenedProblem, point: LinearisationPoint) -> Observability:
     """Return which directions the data determine at a point in the first trial.
 

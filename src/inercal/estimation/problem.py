@@ -74,7 +74,7 @@ class Problem:
         Directions that the method knows to be unobservable in some plans, with their names. A
         direction is a vector (p,) or vectors (k, p) in the parameters' units, or a callable of x
         (p,) that returns them.
-    rounding : float
+    rounding : float or (trials,) array
         Relative error of χ² due to rounding in `linearise`; a smaller decrease is not significant.
     candidates : callable, optional
         Function of the solution x (p,) that returns candidates for score tests: parameters that the
@@ -106,7 +106,7 @@ class Problem:
     wanted: tuple[str, ...] = ()
     observations: tuple[str, ...] = ()
     known_nulls: tuple[KnownNull, ...] = ()
-    rounding: float = 1e-12
+    rounding: float | Array = 1e-12
     candidates: Candidates | None = None
     correlated: bool = False
     normal_equations: NormalEquationsOf | None = None

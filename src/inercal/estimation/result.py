@@ -31,6 +31,8 @@ from inercal.estimation.scores import (
 
 _LEVEL = 0.95
 NO_ROWS: LazyValue[None] = LazyValue(lambda: None)
+OF_TRIALS = ("value", "covariance", "chi2", "residual", "whitened", "converged", "iterations")
+"""The fields of an estimate with a trials dimension."""
 
 
 @dataclass(frozen=True, eq=False)

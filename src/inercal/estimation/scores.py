@@ -35,7 +35,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import scipy
 
-from inercal.basics.arrays import Array, Indices
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.run_file_advice import Change
 from inercal.estimation.lazy_value import LazyValue
 
@@ -105,6 +105,24 @@ def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: f
     return float(1 - scipy.special.ncfdtr(dof, noise_dof, away, remaining / dof))
 
 
+class UnlikeTrials(Exception):
+    """Some trials have other candidates than the others, so they must be tested one by one."""
+
+
+def of_all_trials(mask: Bools) -> Bools:
+    """Return a mask, (m,), that all trials have in common, from (m,) or (trials, m).
+
+    Raises
+    ------
+    UnlikeTrials
+        The trials differ.
+    """
+    rows = mask.reshape(-1, mask.shape[-1])
+    if (rows != rows[:1]).any():
+        raise UnlikeTrials
+    return rows[0]
+
+
 class ModelTest(NamedTuple):
     """One test of the model, whose statistic is χ² with `dof` if the model is right."""
 
@@ -135,7 +153,7 @@ class Candidate:
         Full names of the parameters; a name refers to the same column in all candidates.
     units : tuple of k str
         SI units of the components.
-    rows : (m, k) array
+    rows : (m, k) or (trials, m, k) array
         ∂(observations)/∂(component).
     moved : (q, k) array, optional
         Shift of each parameter's estimate per unit of each omitted component, in addition to the
@@ -162,14 +180,14 @@ class Candidate:
 
     def without_zero_components(self) -> "Candidate":
         """Return the candidate without components that have no effect on the observations."""
-        acting = np.flatnonzero(np.any(self.rows != 0.0, axis=0))
+        acting = np.flatnonzero(of_all_trials(np.any(self.rows != 0.0, axis=-2)))
         if acting.size == len(self.components):
             return self
         return replace(
             self,
             components=tuple(self.components[k] for k in acting),
             units=tuple(self.units[k] for k in acting),
-            rows=self.rows[:, acting],
+            rows=self.rows[..., acting],
             moved=None if self.moved is None else self.moved[:, acting],
             largest=None if self.largest is None else self.largest[acting],
             stated_sds=None if self.stated_sds is None else self.stated_sds[acting],

@@ -158,7 +158,7 @@ def _has_converged(
     )
 
 
-def _rounding_cost(system: Trials[P]) -> float:
+def _rounding_cost(system: Trials[P]) -> float | Array:
     """Return the cost due to rounding if the observations agree exactly with the model."""
     return 1e-20 + system.m * system.problem.rounding**2
 

@@ -255,15 +255,14 @@ def _changes(
     found: list[_DisturbanceTest] = []
     for r, (one, by, (white, dof)) in enumerate(zip(sections, others, own, strict=True)):
         coarse = one.levels[:COARSE_LEVELS]
-        durations = block_durations(one.seconds, len(coarse))
-        shape = by.contrast_variance_ratio(durations).tolist()
-        for k in used.tolist():
-            # Both blocks have one rounding error each.
-            of_steps = 0.5 * one.samples * float(steps[k]) / float(size[k]) ** 2
-            for place, (level, part) in enumerate(zip(coarse, shape, strict=True)):
-                square = float(np.mean((level[:, k] / size[k]) ** 2)) / (white * part + of_steps)
-                p = float(scipy.special.fdtrc(len(level), dof, square))
-                found.append(_DisturbanceTest(p, r, k, "change", _change_variance(one, place, k)))
+        shape = by.contrast_variance_ratio(block_durations(one.seconds, len(coarse)))
+        # Both blocks have one rounding error each.
+        of_steps = 0.5 * one.samples * steps[used] / size[used] ** 2
+        for place, (level, part) in enumerate(zip(coarse, shape.tolist(), strict=True)):
+            square = np.mean((level[:, used] / size[used]) ** 2, axis=0)
+            p = scipy.special.fdtrc(len(level), dof, square / (white * part + of_steps))
+            variances = np.sum(level[:, used] ** 2, axis=0) / 2**place / one.samples
+            found += _tests_of_channels(p, r, used, "change", variances)
     return found
 
 
@@ -306,18 +305,23 @@ def _bursts(
     for r, one in enumerate(sections):
         finest = one.levels[-1]
         c = len(finest)
-        for k in used.tolist():
-            squares = np.sort(finest[:, k] ** 2)[::-1]
-            least = (
-                one.samples / (2 * c) * float(steps[k]) + SMALLEST_VARIANCE * float(size[k]) ** 2
-            )
-            for few in (1, 2):
-                largest = float(squares[:few].sum())
-                rest = float(squares[few:].mean()) + least
-                p = comb(c, few) * float(scipy.special.fdtrc(few, c - few, largest / few / rest))
-                # Neighbours may have moved in the same direction: their shifts add up.
-                found.append(_DisturbanceTest(p, r, k, "burst", few * largest / c / one.samples))
+        squares = np.sort(finest[:, used] ** 2, axis=0)[::-1]
+        least = one.samples / (2 * c) * steps[used] + SMALLEST_VARIANCE * size[used] ** 2
+        for few in (1, 2):
+            largest = squares[:few].sum(axis=0)
+            rest = squares[few:].mean(axis=0) + least
+            p = comb(c, few) * scipy.special.fdtrc(few, c - few, largest / few / rest)
+            # Neighbours may have moved in the same direction: their shifts add up.
+            found += _tests_of_channels(p, r, used, "burst", few * largest / c / one.samples)
     return found
+
+
+def _tests_of_channels(
+    p: Array, section: int, used: Indices, shape: Literal["change", "burst"], variance: Array
+) -> list[_DisturbanceTest]:
+    """Return one test for each of the used channels, from their p-values and variances."""
+    each = zip(p.tolist(), used.tolist(), variance.tolist(), strict=True)
+    return [_DisturbanceTest(one, section, k, shape, added) for one, k, added in each]
 
 
 def _trend(

@@ -16,7 +16,7 @@ from inercal.estimation import gauss_newton_steps, whitened_problem
 from inercal.estimation.fitting import LinearisedRows, estimate_at_solution
 from inercal.estimation.nullspace import Observability, observability
 from inercal.estimation.problem import NormalEquations, Problem
-from inercal.estimation.result import Estimate
+from inercal.estimation.result import OF_TRIALS, Estimate
 from inercal.estimation.search import merge, search
 
 # Not a power of two: arrays whose addresses are equal modulo the cache-way size would evict one
@@ -25,7 +25,6 @@ BLOCK_TRIALS = 2000
 _COMPARED = 16  # number of trials in which fits from two starts are compared
 _LEAST_BLOCK = 100  # trials
 _BLOCK_BYTES = 20e6  # of covariances and Jacobians; many parameters mean small blocks
-_RESULTS = ("value", "covariance", "chi2", "residual", "whitened", "converged", "iterations")
 
 
 def least_squares_of_trials(
@@ -164,18 +163,18 @@ def _solve_block(
 
 
 def _selected(solved: Estimate, part: slice) -> Estimate:
-    return replace(solved, **{name: getattr(solved, name)[part] for name in _RESULTS})
+    return replace(solved, **{name: getattr(solved, name)[part] for name in OF_TRIALS})
 
 
 def _copy_results(solved: Estimate, whole: Estimate, part: slice) -> None:
-    for name in _RESULTS:
+    for name in OF_TRIALS:
         getattr(whole, name)[part] = getattr(solved, name)
 
 
 def _with_room(solved: Estimate, trials: int) -> Estimate:
     """Return the estimate with arrays large enough for the results of all trials."""
     arrays: dict[str, Any] = {}
-    for name in _RESULTS:
+    for name in OF_TRIALS:
         own = getattr(solved, name)
         arrays[name] = np.empty((trials, *own.shape[1:]), own.dtype)
     return replace(solved, **arrays)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, row_products
 from inercal.basics.errors import InputError
 from inercal.estimation.priors_and_gauges import cholesky
 from inercal.estimation.problem import Problem
@@ -32,12 +32,24 @@ class LinearisationPoint(NamedTuple):
     whitened: Array  # whitened residual, (trials, m)
     prior: Array  # whitened μ − x, (trials, b)
 
+    def of_trial(self, k: int) -> "LinearisationPoint":
+        """Return the point of one trial."""
+        return LinearisationPoint(*(a[k : k + 1] if len(a) > 1 else a for a in self))
+
 
 class Whitener(NamedTuple):
     """Whitening: 1/sd, (1 or trials, m), or inverse Cholesky factors, (1 or trials, m, m)."""
 
     inverse: Array
     full: bool
+
+    def of_trial(self, k: int) -> "Whitener":
+        """Return the whitening of one trial."""
+        return self if len(self.inverse) == 1 else Whitener(self.inverse[k : k + 1], self.full)
+
+    def whiten(self, rows: Array) -> Array:
+        """Whiten changes of the observations, (m, q) or (trials, m, q)."""
+        return self.inverse @ rows if self.full else self.inverse[..., None] * rows
 
 
 class WhitenedProblem:
@@ -137,7 +149,7 @@ class WhitenedProblem:
         else:
             # The rows are not copied: in a large batch a copy costs as much as the model.
             weight, whitened = inverse, inverse * residual
-        prior = self.prior_target - x @ self.prior_full.T
+        prior = self.prior_target - row_products(x, self.prior_full.T)
         return LinearisationPoint(x, residual, rows, weight, whitened, prior)
 
     def whitener(self, x: Array) -> Whitener:

@@ -2,15 +2,17 @@
 
 import re
 import traceback
-from collections.abc import Sequence
-from contextlib import nullcontext, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from itertools import pairwise
+from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from time import perf_counter, process_time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InercalError
 from inercal.basics.parallel.steps import begin_step
 from inercal.fleet import results
@@ -19,6 +21,11 @@ from inercal.fleet.line import GROUPS, Line, SensorRow
 from inercal.fleet.recordings import Version, is_address, local_copy
 from inercal.recordings.io.column_table import file_sha256
 
+if TYPE_CHECKING:
+    from inercal.pipeline import Outcome
+    from inercal.runfile import Run
+
+_MOST_TOGETHER, _MOST_BYTES = 50, 1 << 25  # sensors solved together, and their recordings' sizes
 _ONE_LINE = 500  # largest number of characters of an error message
 
 
@@ -79,28 +86,63 @@ def compute_batch(line: Line, out: results.ResultWriter, work: Sequence[Work]) -
         The part cannot be written.
     """
     rows: list[dict[str, Any]] = []
-    times = [perf_counter()]
-    for number, one in enumerate(work):
-        begin_step(number)
-        rows.append(result_row(line, one))
-        times.append(perf_counter())
+    times: list[float] = []
+    while len(rows) < len(work):
+        begun, some = perf_counter(), _next_sensors(work[len(rows) :])
+        found = _rows_together(line, some, len(rows))
+        rows += found
+        times += [(perf_counter() - begun) / len(found)] * len(found)
     out.write(rows)
     done = sum(row["status"] == results.DONE for row in rows)
-    seconds = tuple(after - before for before, after in pairwise(times))
-    return BatchDone(done, len(rows) - done, seconds)
+    return BatchDone(done, len(rows) - done, tuple(times))
+
+
+def _next_sensors(work: Sequence[Work]) -> Sequence[Work]:
+    """Return the next sensors whose recordings may be in memory together; at least one."""
+    sizes = accumulate(one.version.size for one in work[:_MOST_TOGETHER])
+    return work[: max(1, sum(size <= _MOST_BYTES for size in sizes))]
+
+
+@with_one_thread
+def _rows_together(line: Line, work: Sequence[Work], first: int) -> list[dict[str, Any]]:
+    """Calibrate sensors together and return their rows; `first` is the step of the first one."""
+    from inercal.pipeline.similar_runs import calibrate_similar
+
+    def run(number: int, one: Work) -> "Run":
+        begin_step(number)
+        return line.run(one.row, one.digest)
+
+    begin = process_time()
+    local = [one for one in work if not is_address(one.row.recording)]
+    outcomes = calibrate_similar([partial(run, first + work.index(one), one) for one in local])
+    rows: list[dict[str, Any]] = []
+    for number, one in enumerate(work, first):
+        begin_step(number)
+        settle = partial(next, outcomes) if one in local else partial(_calibrate, line, one)
+        rows.append(_row(line, one, settle))
+    used = (process_time() - begin) / len(rows)
+    return [row | {"seconds": used} if row["status"] == results.DONE else row for row in rows]
 
 
 def result_row(line: Line, work: Work) -> dict[str, Any]:
     """Calibrate a sensor and return its row, even if the calibration fails."""
     begin = process_time()
+    row = _row(line, work, partial(_calibrate, line, work))
+    return row | {"seconds": process_time() - begin} if row["status"] == results.DONE else row
+
+
+def _row(line: Line, work: Work, settle: "Callable[[], Outcome | Exception]") -> dict[str, Any]:
+    """Return the row of a sensor from a function that calibrates it or returns its error."""
     try:
-        found, recording = _calibrate(line, work)
+        outcome = settle()
+        if isinstance(outcome, Exception):
+            raise outcome
+        found, recording = _columns(outcome)
     except Exception as error:  # any error, because only this sensor is affected
         text = " ".join(str(error).split()) or type(error).__name__
         kept = "" if isinstance(error, InercalError) else traceback.format_exc()
         return failed_row(line.folder, work, text, type(error).__name__, kept)
-    used = process_time() - begin
-    return _common(work, recording) | found | {"status": results.DONE, "seconds": used}
+    return _common(work, recording) | found | {"status": results.DONE}
 
 
 def failed_row(
@@ -145,26 +187,30 @@ def _common(work: Work, recording_sha256: str) -> dict[str, Any]:
     }
 
 
-def _calibrate(line: Line, work: Work) -> tuple[dict[str, Any], str]:
-    """Calibrate a sensor; return the columns of the result and the hash of the recording."""
+def _calibrate(line: Line, work: Work) -> "Outcome":
+    """Calibrate a sensor by itself; its recording may be in a store."""
     # Methods and kernels are loaded in the worker, not in the process that distributes the work.
-    from inercal.calibration.files import calibration_object, canonical_text
     from inercal.pipeline import calibrate
 
     address, run = work.row.recording, line.run(work.row, work.digest)
-    with local_copy(address) if is_address(address) else nullcontext() as copy:
-        if copy is not None:
-            run = replace(run, data=run.data.model_copy(update={"file": str(copy)}))
+    if not is_address(address):
+        return calibrate(run)
+    with local_copy(address) as copy:
+        run = replace(run, data=run.data.model_copy(update={"file": str(copy)}))
         try:
             outcome = calibrate(run)
         except InercalError as error:
-            if copy is not None:
-                error.args = (str(error).replace(str(copy), address), *error.args[1:])
+            error.args = (str(error).replace(str(copy), address), *error.args[1:])
             raise
+    provenance = {**outcome.calibration.provenance, "recording": address}
+    return replace(outcome, calibration=replace(outcome.calibration, provenance=provenance))
+
+
+def _columns(outcome: "Outcome") -> tuple[dict[str, Any], str]:
+    """Return the columns of a result and the hash of the recording."""
+    from inercal.calibration.files import calibration_object, canonical_text
+
     calibration, estimate = outcome.calibration, outcome.estimate
-    if copy is not None:
-        provenance = {**calibration.provenance, "recording": address}
-        calibration = replace(calibration, provenance=provenance)
     conformity = calibration.conformity
     found: dict[str, Any] = {
         "method": calibration.method,

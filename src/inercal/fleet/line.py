@@ -105,7 +105,13 @@ class Line:
         # Imported here because only workers need the methods.
         from inercal.runfile import from_sections
 
-        return from_sections(self.path, self.sections(row), digest or self.digest(row))
+        sections, digest = self.sections(row), digest or self.digest(row)
+        if {ID, RECORDING} & self.placeholders:
+            return from_sections(self.path, sections, digest)
+        shape = self.shape(row)
+        if (alike := self._runs.get(shape)) is None:
+            alike = self._runs[shape] = from_sections(self.path, sections, digest)
+        return alike.for_sensor(sections, digest)
 
     def digest(self, row: SensorRow) -> str:
         """Return the SHA-256 hash of the template, of the cells that it uses and of its files.
@@ -125,7 +131,14 @@ class Line:
 
     def shape(self, row: SensorRow) -> tuple[str, ...]:
         """Return the cells that make run files differ, apart from sensor and recording."""
-        return tuple(row.columns.get(name, "") for name in self._used)
+        return tuple(
+            text for name, text in row.columns.items() if "." in name or name in self.placeholders
+        )
+
+    @cached_property
+    def _runs(self) -> dict[tuple[str, ...], "Run"]:
+        """Return the runs that were built, by shape; only the first sensor of each is checked."""
+        return {}
 
     @cached_property
     def _template_text(self) -> str:

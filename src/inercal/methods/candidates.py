@@ -22,7 +22,7 @@ from inercal.basics.arrays import Array, Bools
 from inercal.basics.keys import CoefficientName, ErrorName, ObservationName
 from inercal.basics.parameters import Parameter
 from inercal.estimation import Candidate, Problem
-from inercal.estimation.scores import CandidateKind
+from inercal.estimation.scores import CandidateKind, of_all_trials
 from inercal.methods import Priors
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, SI_UNITS, Sensor
@@ -40,7 +40,7 @@ _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 
 
 Columns = Mapping[str, Array]
-"""The derivative of the observations, (m,), with respect to each parameter."""
+"""The derivative of the observations, (m,) or (trials, m), with respect to each parameter."""
 Families = Mapping[str, Sequence[str]]
 """The parameters that are also tested together, by the name of the joint candidate."""
 
@@ -135,7 +135,7 @@ def candidate_function(
         The sensor with the estimated coefficients.
     declared : mapping of str to Parameter
         The bench's parameters by full name.
-    time : (r,) array, optional
+    time : (r,) or (trials, r) array, optional
         Time of each row, s, if a drift of the biases is a candidate.
     families : mapping of str to sequence of str, optional
         Full names of parameters that are tested together. They replace the families of
@@ -150,12 +150,15 @@ def candidate_function(
     """
 
     def candidates(x: Array) -> list[Candidate]:
-        larger = problem()
-        at = dict(zip(names, x.tolist(), strict=True))
-        start = larger.start.reshape(-1, len(larger.names))[0]
-        there = np.array([at.get(n, s) for n, s in zip(larger.names, start, strict=True)])
+        larger, known = problem(), list(names)
+        there = np.empty((*x.shape[:-1], len(larger.names)))
+        there[...] = larger.start.reshape(-1, len(larger.names))[0]
+        free = [k for k, name in enumerate(larger.names) if name in known]
+        there[..., free] = x[..., [known.index(larger.names[k]) for k in free]]
         _, jacobian = larger.linearise(there)
-        column = dict(zip(larger.names, jacobian.reshape(-1, len(larger.names)).T, strict=True))
+        if x.ndim == 1:
+            jacobian = jacobian.reshape(-1, len(larger.names))
+        column = {name: jacobian[..., k] for k, name in enumerate(larger.names)}
         if zero_input is not None:
             column |= {
                 n: np.where(zero_input, 0.0, column[n])
@@ -326,12 +329,13 @@ def largest_angle(name: str, otherwise: float = LARGEST_RELATIVE_SIZE) -> float:
 
 def _affects_observations(column: Array) -> bool:
     """Return whether a parameter changes the observations by more than rounding."""
-    return bool(np.max(np.abs(column), initial=0.0) > _ROUNDING_LIMIT)
+    acting = np.max(np.abs(column), axis=-1, initial=0.0) > _ROUNDING_LIMIT
+    return bool(of_all_trials(acting[..., None])[0])
 
 
 def _affects_several_rows(column: Array, rows: Sequence[str]) -> bool:
     """Return whether a parameter changes the observations of two or more rows."""
-    acting = np.flatnonzero(np.abs(column) > _ROUNDING_LIMIT)
+    acting = np.flatnonzero(of_all_trials(np.abs(column) > _ROUNDING_LIMIT))
     return len({rows[k] for k in acting.tolist()}) > 1
 
 
@@ -369,14 +373,14 @@ def drift_candidates(
     column multiplied by the time of its rows. If all rows have the same time, there are no
     candidates.
     """
-    span = float(np.ptp(time))
+    span = np.ptp(time, axis=-1, keepdims=True)
     channels = {axis.name: axis.measures for axis in sensor.axes}
     rows = _row_labels(observations, sensor)
     labels = list(dict.fromkeys(rows))
-    if not span > 0 or len(labels) != len(time) or len(time) < 3:
+    if not (span > 0).all() or len(labels) != time.shape[-1] or len(labels) < 3:
         return []
-    of_row = dict(zip(labels, (time - time.mean()) / span, strict=True))
-    ramp = np.array([of_row[row] for row in rows])
+    at = [labels.index(row) for row in rows]
+    ramp = ((time - time.mean(axis=-1, keepdims=True)) / span)[..., at]
     result: list[Candidate] = []
     for kind, quantity in QUANTITIES.items():
         own: list[Column] = []

@@ -26,6 +26,7 @@ from inercal.basics.keys import CoefficientName
 from inercal.benches import Hand
 from inercal.benches.hand.bench import sensed_motion
 from inercal.estimation import Estimate
+from inercal.estimation.gauss_newton_steps import QR_MAX_TRIALS
 from inercal.physics.motion import Motion
 from inercal.physics.plan import HandSteps, Hold
 from inercal.physics.sensors import Sensor
@@ -94,7 +95,7 @@ def tilt_curvature(
             for i, some in enumerate(own):
                 place[n, i, k, : len(some)] = some
                 eta[..., n, i, k, : len(some)] = mixed[..., 0, i, some]
-    moments = _moments if lead == () else _moments_of_trials
+    moments = _moments if lead <= (QR_MAX_TRIALS,) else _moments_of_trials
     return moments(eta, place, estimate.covariance, index, rows, r)
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inercal.basics.arrays import Array, Bools, Indices
+from inercal.basics.arrays import Array, Bools, Indices, row_products
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches import MeanBench, MeanMotion
@@ -93,14 +93,14 @@ class Unknowns:
         noise: Array | Callable[[Array], Array],
         observations: tuple[str, ...],
         priors: Priors,
-        relative_size: float,
+        relative_size: float | Array,
         *,
         correlated: bool,
         normal_equations: NormalEquationsOf | None,
     ) -> Problem:
         """Return the problem with these parameters; arguments as for `inercal.estimation.Problem`.
 
-        `relative_size` is the largest ratio of an observation to its standard deviation, and
+        `relative_size` is the largest ratio of an observation to its deviation (per trial), and
         `priors` apply to coefficients.
         """
         scale = parameter_scales(self.sensor, self.estimated)
@@ -297,7 +297,7 @@ def _compare_vectors(
             sensor, observations.mean, x[..., :p], here.motion, df, dw
         )
         if added:
-            residual = residual - x[..., at] @ columns.T
+            residual = residual - row_products(x[..., at], columns.T)
             slope[..., at] = columns
         return residual, slope
 
@@ -311,7 +311,7 @@ def _compare_vectors(
     if stated_noise is None and dwell_covariance is not None:
         own = noise(unknowns.start)
     read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
-    relative_size = float(np.max(read / np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))))
+    relative_size = np.max(read / np.sqrt(np.diagonal(own, axis1=-2, axis2=-1)), axis=-1)
 
     def stated_motion(x: Array, which: Indices) -> MeanMotion:
         own = offsets[which] if offsets.ndim == 2 and len(offsets) > 1 else offsets
@@ -358,7 +358,7 @@ def row_subset(whole: Problem, at: Indices) -> Problem:
 
     def candidates(x: Array) -> list[Candidate]:
         assert whole.candidates is not None
-        kept = (replace(one, rows=one.rows[at]) for one in whole.candidates(x))
+        kept = (replace(one, rows=one.rows[..., at, :]) for one in whole.candidates(x))
         return [one.without_zero_components() for one in kept if np.any(one.rows)]
 
     return replace(

@@ -13,12 +13,12 @@ belongs only to this run. Errors shared through a prior calibration are not prop
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from hashlib import sha256
-from importlib.metadata import version
 from json import dumps
 
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.documents import installed_version
 from inercal.basics.parameters import Parameter
 from inercal.basics.units import ZERO_CELSIUS, format_count
 from inercal.calibration import SharedError, Validity
@@ -110,7 +110,7 @@ def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
         "run file": run.path.name,
         "run file sha256": run.sha256,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "inercal": version("inercal"),
+        "inercal": installed_version(),
     }
 
 

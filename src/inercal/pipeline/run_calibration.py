@@ -1,8 +1,8 @@
 """Calibrate from a run that was read and checked, as the stations of the architecture page show."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from inercal.calibration.check_standard import CHECK_STANDARD
 from inercal.calibration.verdict import verdict
 from inercal.estimation import Estimate
 from inercal.methods import Fit
+from inercal.methods.solving import prepared
 from inercal.methods.temperature import temperature_coefficients
 from inercal.physics.sensors import Sensor
 from inercal.pipeline.added_coefficients import with_added_coefficients
@@ -38,6 +39,7 @@ from inercal.pipeline.stated_values import (
     require_small_assumed_share,
 )
 from inercal.pipeline.temperature_fit import (
+    TemperatureFit,
     fit_over_temperatures,
     with_common_errors,
     with_magnetometers,
@@ -51,17 +53,43 @@ if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.norm_equations import Generation, SearchHistory
 
 
-def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) -> FittedRun:
-    """Run the estimator for a run that was read and checked."""
+class ObservedRun(NamedTuple):
+    """A run after its temperature orders were chosen, with its data."""
+
+    stated: Run
+    run: Run
+    inputs: EstimatorInput
+    thermal: TemperatureFit | None
+    of_type: Mapping[str, str]
+
+
+def observed(run: Run) -> ObservedRun:
+    """Read and average the data of a run that was read and checked.
+
+    Raises
+    ------
+    InputError, NotObserved
+        The data cannot be used.
+    """
     stated = run
     try:
         inputs = run.kind.observe(run)
         of_type = prior_of_type(run, inputs)
         inputs = replace(inputs, conditions={**inputs.conditions, **of_type})
-        run, inputs, thermal = fit_over_temperatures(run, inputs)
+        return ObservedRun(stated, *fit_over_temperatures(run, inputs), of_type)
     except (InputError, NotObserved) as error:
         named = error.file is not None or str(run.path) in str(error)
         raise (error if named else error.located(run.path)) from None
+
+
+def _fitted(
+    run: Run,
+    progress: "Callable[[Generation], None] | None" = None,
+    seen: ObservedRun | None = None,
+    solution: Estimate | None = None,
+) -> FittedRun:
+    """Run the estimator for a run that was read and checked, unless its solution is given."""
+    stated, run, inputs, thermal, of_type = seen or observed(run)
     sensor, bench = run.sensor, inputs.bench or run.bench
     expected = bench.nuisances(inputs.steps, sensor)
     observations, findings = inputs.observations, (*run.findings, *inputs.findings)
@@ -78,7 +106,10 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) ->
             progress(generation)
 
     try:
-        estimate = run.solver(after)(observations, solver_sensor, bench, inputs.plan, run.priors)
+        with prepared(solution):
+            estimate = run.solver(after)(
+                observations, solver_sensor, bench, inputs.plan, run.priors
+            )
     except (InputError, NotObserved) as error:
         located = error.located(run.path)
         located.args = (f"{located}{_possible_causes(inputs, sensor, zero_rates, error)}",)
@@ -183,17 +214,26 @@ def calibrate_run(
     stated: Run,
     progress: "Callable[[Generation], None] | None" = None,
     also: str | Sequence[str] | None = None,
+    seen: ObservedRun | None = None,
+    solution: Estimate | None = None,
 ) -> Outcome:
     """Calibrate a run that was read and checked; advice is tried before it is given.
 
-    The arguments and the errors are those of `inercal.calibrate`.
+    The other arguments and the errors are those of `inercal.calibrate`.
+
+    Parameters
+    ----------
+    seen : ObservedRun, optional
+        The result of `observed`, if it is known.
+    solution : Estimate, optional
+        The result of `inercal.methods.solving.solve` for these observations, if it is known.
     """
     if also is not None:
         try:
             stated = changed_run(stated, (also_change(also),))
         except InputError as error:
             raise error.located(stated.path) from None
-    fitted = _fitted(stated, progress)
+    fitted = _fitted(stated, progress, seen, solution)
     if stated.adds_coefficients:
         fitted, advisor, additions = with_added_coefficients(fitted, _advisor)
     else:

@@ -119,8 +119,10 @@ class Observations:
         Mean readings in SI units, after the nominal readout is applied.
     covariance : (..., r, m, m) array
         Covariance of each mean.
-    duration, time : (r,) array
-        Duration of each section and time of its middle, s.
+    duration : (r,) array
+        Duration of each section, s.
+    time : (..., r) array
+        Time of the middle of each section, s.
     samples : (r,) array of int
         Number of samples in each mean.
     channels : tuple of m str
@@ -191,7 +193,7 @@ class Observations:
             "covariance": (self.covariance.shape[-3:], (r, m, m)),
             "duration": (self.duration.shape, (r,)),
             "samples": (self.samples.shape, (r,)),
-            "time": (self.time.shape, (r,)),
+            "time": (self.time.shape[-1:], (r,)),
         }
         if self.temperature is not None:
             shapes["temperature"] = (self.temperature.shape[-1:], (r,))

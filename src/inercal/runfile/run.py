@@ -1,7 +1,7 @@
 """Contents of a checked run file, as objects in SI units."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -86,6 +86,18 @@ class Run(RunBase[Any]):
     qualified: UsedQualifications = NO_QUALIFICATIONS
     check_standard: str = ""
     sections: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+    def for_sensor(self, sections: Mapping[str, Any], sha256: str) -> "Run":
+        """Return the run for another sensor, whose sections differ only in name and recording."""
+        name, magnetic = sections["sensor"]["name"], self.magnetometer
+        return replace(
+            self,
+            sections=sections,
+            sha256=sha256,
+            sensor=replace(self.sensor, name=name),
+            magnetometer=None if magnetic is None else replace(magnetic, name=name),
+            data=self.data.model_copy(update={"file": sections["data"]["file"]}),
+        )
 
     @property
     def adds_coefficients(self) -> bool:

@@ -27,7 +27,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, row_products
 from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
 from inercal.basics.units import Measured
 from inercal.benches.contract import MeanMotion, NoReadingOffsets, stack_derivatives
@@ -282,7 +282,7 @@ def tilted_direction(up: tuple[float, float, float], t: Array) -> tuple[Array, A
     """Tilt `up` by tangents t, (..., 2); return u, (..., 3), and du/dt, (..., 3, 2)."""
     d = _cached_tangents(up)
     norm = np.sqrt(1 + (t**2).sum(-1))[..., None]
-    u = (np.asarray(up) + t @ d) / norm
+    u = (np.asarray(up) + row_products(t, d)) / norm
     return u, (d.T - u[..., :, None] * t[..., None, :] / norm[..., None]) / norm[..., None]
 
 
@@ -356,7 +356,7 @@ def _hold_motion(step: Hold, q: Mapping[str, Array]) -> MeanMotion:
     dw = {"earth_up": u} | {name: up_rate * du[..., k % 2] for k, name in enumerate(names)}
     dw |= {f"earth{k + 1}[{label}]": np.broadcast_to(d[k], u.shape) for k in range(2)}
     own = _own_bias(q, label, u.shape, dw)
-    return MeanMotion(Motion(g * u, up_rate * u + level @ d + own), df, dw)
+    return MeanMotion(Motion(g * u, up_rate * u + row_products(level, d) + own), df, dw)
 
 
 def _own_bias(

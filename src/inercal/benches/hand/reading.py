@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -213,8 +214,13 @@ def _numbers_visits(run: RunBase[RestsSection]) -> bool:
 
 def _steps_by_visit(run: RunBase[RestsSection], count: int) -> dict[str, HandStep]:
     """Return the plan's steps by name, with up to `count` visits of each step."""
+    return _visits(nominal_plan(run), count)
+
+
+@lru_cache
+def _visits(plan: tuple[HandStep, ...], count: int) -> dict[str, HandStep]:
     found: dict[str, HandStep] = {}
-    for step in nominal_plan(run):
+    for step in plan:
         names = number_repeated_names([step.label] * count)
         found |= {name: replace(step, label=name) for name in names}
     return found

@@ -120,12 +120,12 @@ def _lever_arm_candidates(
     full = [f"{axis.name}.k0" for axis in sensor.axes]
     if not set(full) <= set(built.names):
         return []
-    up = jacobian[:, [built.names.index(name) for name in full]]
+    up = jacobian[..., [built.names.index(name) for name in full]]
     columns = -(rates[:, None] ** 2) * up * (1 + up**2) / 2
     line = next(line for line in TABLES["f"] if line.name == "arm_i")
     arms = [
         candidates.Column(f"{axis.name}.arm_i", SI_UNITS[line.unit], rows, line.largest)
-        for axis, rows in zip(sensor.axes, columns.T, strict=True)
+        for axis, rows in zip(sensor.axes, np.moveaxis(columns, -1, 0), strict=True)
     ]
     return candidates.together_and_alone("coefficient", [("arm_i", arms)])
 
@@ -252,7 +252,7 @@ def _ungauged_norm_problem(
 
     normal_equations = None if correlated or table is None else norm_equations
 
-    def relative_size() -> float:
+    def relative_size() -> float | Array:
         # For a norm of tens of g the rounding error is a millionth of the norm's uncertainty.
         x, lead = unknowns.start, observations.trial_shape
         if normal_equations is not None and lead > (QR_MAX_TRIALS,):
@@ -263,7 +263,7 @@ def _ungauged_norm_problem(
             made = exact or specific_force_norm(bench, steps, unknowns.bench_values(x))
             return float(np.max(made.norm * weight))
         result, _, seen = compared(x)
-        return float(np.max(result.norm / np.sqrt(seen.variance)))
+        return np.max(result.norm / np.sqrt(seen.variance), axis=-1)
 
     return unknowns.compose(
         linearise,

@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, row_products
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.physics.motion import Motion
@@ -280,7 +280,7 @@ class Sensor:
         for k, part in enumerate(parts):
             sensed[..., 3 * k : 3 * k + 3] = part
         m, p = len(self.axes), len(self.coefficients)
-        maps = nominal + (c @ change.reshape(p, m * (width + 1))).reshape(
+        maps = nominal + row_products(c, change.reshape(p, m * (width + 1))).reshape(
             *c.shape[:-1], m, width + 1
         )
         reading = sensed @ np.swapaxes(maps, -1, -2)

@@ -29,6 +29,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from inercal.basics.errors import InputError, require_installed
+from inercal.recordings.io.damaged_files import refuse_damage
 
 _LENGTH = struct.Struct("<Q")
 
@@ -106,6 +107,10 @@ def file_size(path: Path) -> int:
     return path.stat().st_size
 
 
+def _is_not_bounded(path: Path) -> bool:
+    return False
+
+
 class Isolation(NamedTuple):
     """Description of a kind of file that is read in a separate process.
 
@@ -123,6 +128,9 @@ class Isolation(NamedTuple):
         Key that raises the limits; empty if there is none.
     size : callable
         Function that returns the number of bytes of a file, with others that it names.
+    is_bounded : callable
+        Function that tells whether a file can be read in this process, because it declares no more
+        than it contains and no compiled library parses it.
     """
 
     kind: str
@@ -131,6 +139,7 @@ class Isolation(NamedTuple):
     extra: str = ""
     key: str = MOST_VALUES_KEY
     size: Callable[[Path], int] = file_size
+    is_bounded: Callable[[Path], bool] = _is_not_bounded
 
 
 class ReadingLimits(NamedTuple):
@@ -158,7 +167,7 @@ def read_isolated(
     *arguments: Any,
     most_values: int | None = None,
 ) -> Any:
-    """Call a function on a file in a process with limits, and return its result.
+    """Call a function on a file, unless it is bounded in a process with limits; return its result.
 
     Parameters
     ----------
@@ -181,8 +190,15 @@ def read_isolated(
     OSError
         The file cannot be read.
     """
-    (result,) = stream_isolated(isolation, path, function, *arguments, most_values=most_values)
-    return result
+    if not isolation.is_bounded(path):
+        (result,) = stream_isolated(isolation, path, function, *arguments, most_values=most_values)
+        return result
+    try:
+        with refuse_damage(path, isolation.kind, isolation.advice):
+            return function(path, *arguments)
+    except MemoryError as error:
+        limits = _limits(isolation.size(path), most_values)
+        raise _own_error(error, isolation, limits, path) from None
 
 
 def stream_isolated(

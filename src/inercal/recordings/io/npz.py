@@ -25,6 +25,20 @@ from inercal.recordings.io.readers import Reader
 _NPY = b"\x93NUMPY"
 
 
+def _is_bounded(path: Path) -> bool:
+    """Return whether the arrays are not compressed, so that they are no larger than the file."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+        return False  # a single array, or damaged
+    stored = all(
+        one.compress_type == zipfile.ZIP_STORED and one.compress_size == one.file_size
+        for one in members
+    )
+    return stored and sum(one.file_size for one in members) <= path.stat().st_size
+
+
 def read_npz(path: Path, wanted: ReadRequest) -> Table:
     """Read a table from a .npz file, one array at a time, or from a .npy file.
 
@@ -152,5 +166,5 @@ READER = Reader(
     read_npz,
     content=((0, b"PK\x03\x04"), (0, _NPY)),
     suffixes=(".npz",),
-    isolation=Isolation("an .npz or .npy file"),
+    isolation=Isolation("an .npz or .npy file", is_bounded=_is_bounded),
 )
