@@ -12,8 +12,8 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from numba import njit
-from numba.core import caching, event
+from numba import njit, types
+from numba.core import caching, codegen, compiler, event, targetconfig
 
 
 class _IndexOfKernels(caching.IndexDataCacheFile):
@@ -28,10 +28,50 @@ class _IndexOfKernels(caching.IndexDataCacheFile):
 
 caching.IndexDataCacheFile = _IndexOfKernels
 
+
+class _NoEnvironments:
+    def set_env(self, env_name: str, env: object) -> None:
+        """Ignore the environment of a function that cannot be called from Python."""
+
+
+class _StepLibrary(codegen.JITCodeLibrary):
+    """The code of a function that only kernels call, which is optimised as a part of each kernel.
+
+    Numba would optimise it and generate machine code for it, although only the kernel's is used.
+    """
+
+    codegen = _NoEnvironments()
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        self._ensure_finalized()
+        return 0
+
+    def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        return self.serialize_using_bitcode()
+
+
+class _StepCompiler(compiler.Compiler):
+    def define_pipelines(self) -> Any:
+        name = self.state.func_id.func_qualname
+        self.state.library = _StepLibrary(self.state.targetctx.codegen(), name)
+        return super().define_pipelines()
+
+
 KERNEL_OPTIONS: dict[str, Any] = {
     "cache": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True,
 }  # fmt: skip
-INNER_OPTIONS: dict[str, Any] = {**KERNEL_OPTIONS, "no_cpython_wrapper": True}
+INNER_OPTIONS: dict[str, Any] = {
+    **KERNEL_OPTIONS, "no_cpython_wrapper": True, "pipeline_class": _StepCompiler,
+}  # fmt: skip
 """Options for a function that only kernels call: a call from Python would crash the process."""
 # Numba has no types for these options.
 _compile: Any = njit
