@@ -8,12 +8,13 @@ accepts kernels cached by another version of inercal.
 # Numba has no types.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 
+import gc
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from numba import njit, types
-from numba.core import caching, codegen, compiler, event, targetconfig
+from numba.core import caching, codegen, compiler, event
 
 
 class _IndexOfKernels(caching.IndexDataCacheFile):
@@ -27,6 +28,54 @@ class _IndexOfKernels(caching.IndexDataCacheFile):
 
 
 caching.IndexDataCacheFile = _IndexOfKernels
+
+
+# Numba compares its flags at each operator, and would read 30 properties of each.
+_DEFAULT_FLAGS = {name: option.default for name, option in compiler.Flags.options.items()}
+compiler.Flags.values = lambda self: {**_DEFAULT_FLAGS, **self._values}
+compiler.Flags.__hash__ = lambda self: hash(compiler.Flags)
+
+_resolve = types.Function.get_call_type
+_resolved: dict[Any, tuple[Any, Any]] = {}
+
+
+def _resolve_once(self: Any, context: Any, args: Any, kws: Any) -> Any:
+    """Resolve an operator on numbers; Numba would try dozens of templates each time."""
+    operator = self.typing_key
+    if getattr(operator, "__module__", "") != "_operator" or not all(
+        isinstance(one, types.Number | types.IntegerLiteral) for one in args
+    ):
+        return _resolve(self, context, args, kws)
+    if (operator, args) not in _resolved:
+        signature = _resolve(self, context, args, kws)
+        _resolved[operator, args] = signature, self._impl_keys[signature.args]
+    signature, implementation = _resolved[operator, args]
+    self._impl_keys[signature.args] = implementation
+    return signature
+
+
+types.Function.get_call_type = _resolve_once
+
+
+class _Collection(event.Listener):
+    """Leaves cyclic garbage alone while kernels are compiled, because there is little of it."""
+
+    def __init__(self) -> None:
+        self._depth, self._enabled = 0, False
+
+    def on_start(self, event: object) -> None:
+        if self._depth == 0:
+            self._enabled = gc.isenabled()
+            gc.disable()
+        self._depth += 1
+
+    def on_end(self, event: object) -> None:
+        self._depth -= 1
+        if self._depth == 0 and self._enabled:
+            gc.enable()
+
+
+event.register("numba:compile", _Collection())
 
 
 class _NoEnvironments:
