@@ -8,7 +8,6 @@ accepts kernels cached by another version of inercal.
 # Numba has no types.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 
-import gc
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -57,27 +56,6 @@ def _resolve_once(self: Any, context: Any, args: Any, kws: Any) -> Any:
 types.Function.get_call_type = _resolve_once
 
 
-class _Collection(event.Listener):
-    """Leaves cyclic garbage alone while kernels are compiled, because there is little of it."""
-
-    def __init__(self) -> None:
-        self._depth, self._enabled = 0, False
-
-    def on_start(self, event: object) -> None:
-        if self._depth == 0:
-            self._enabled = gc.isenabled()
-            gc.disable()
-        self._depth += 1
-
-    def on_end(self, event: object) -> None:
-        self._depth -= 1
-        if self._depth == 0 and self._enabled:
-            gc.enable()
-
-
-event.register("numba:compile", _Collection())
-
-
 class _NoEnvironments:
     def set_env(self, env_name: str, env: object) -> None:
         """Ignore the environment of a function that cannot be called from Python."""
@@ -98,6 +76,7 @@ class _StepLibrary(codegen.JITCodeLibrary):
         pass
 
     def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
@@ -139,15 +118,6 @@ def kernel_step(function: F) -> F:
     longer to compile than the function.
     """
     return _compile(**INNER_OPTIONS)(function)
-
-
-def kernel_piece(function: F) -> F:
-    """Compile a function inline in its calling kernels, each of which should call it once.
-
-    Without inlining, each call would have to pass all arrays in its tuples, which are hundreds of
-    numbers.
-    """
-    return _compile(**INNER_OPTIONS, inline="always")(function)
 
 
 def kernel_value(function: F) -> F:

@@ -16,6 +16,7 @@ from zlib import crc32
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
     infer_getattr,
@@ -25,7 +26,6 @@ from numba.extending import (
     typeof_impl,
     unbox,
 )
-from numba.core.typing.templates import AttributeTemplate
 
 C = TypeVar("C", bound=type)
 _WORD = 8  # bytes; each field begins at a multiple
@@ -50,6 +50,7 @@ register_model(RecordType)(models.OpaqueModel)
 
 def record(cls: C) -> C:
     """Let kernels receive instances of a class of named tuples by reference."""
+
     def type_of(value: Any, context: Any) -> RecordType:
         return RecordType(cls, tuple(typeof_impl(one, context) for one in value))
 
