@@ -9,7 +9,6 @@ fields by name, but cannot create, unpack or return it.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 # pyright: reportUnknownArgumentType=false, reportUnknownParameterType=false
 
-from functools import cache
 from typing import Any, TypeVar
 from zlib import crc32
 
@@ -28,7 +27,6 @@ from numba.extending import (
 )
 
 C = TypeVar("C", bound=type)
-_WORD = 8  # bytes; each field begins at a multiple
 
 
 class RecordType(types.Type):
@@ -69,41 +67,37 @@ class _Fields(AttributeTemplate):
 
 @lower_getattr_generic(RecordType)
 def _read_field(context: Any, builder: Any, record: RecordType, place: Any, name: str) -> Any:
-    begins, _ = _layout(context, record)
     k = record.cls._fields.index(name)
-    return builder.load(_field(context, builder, record.fields[k], place, begins[k]))
+    kind = context.get_value_type(record.fields[k]).as_pointer()
+    return builder.load(builder.bitcast(_field(builder, record, place, k), kind))
 
 
 @unbox(RecordType)
 def _store(record: RecordType, instance: Any, c: Any) -> NativeValue:
-    begins, size = _layout(c.context, record)
-    words = ir.ArrayType(ir.IntType(8 * _WORD), size // _WORD)
-    place = c.builder.bitcast(cgutils.alloca_once(c.builder, words), cgutils.voidptr_t)
-    failed = cgutils.false_bit
-    for k, (kind, begin) in enumerate(zip(record.fields, begins, strict=True)):
-        item = c.pyapi.tuple_getitem(instance, k)
+    words = ir.ArrayType(ir.IntType(64), sum(map(_size, record.fields)))
+    place = cgutils.alloca_once(c.builder, words, zfill=True)
+    place, failed = c.builder.bitcast(place, cgutils.voidptr_t), cgutils.false_bit
+    for k, kind in enumerate(record.fields):
+        item, at = c.pyapi.tuple_getitem(instance, k), _field(c.builder, record, place, k)
         if isinstance(kind, types.Array):
-            at = cgutils.pointer_add(c.builder, place, begin)
             wrong = cgutils.is_not_null(c.builder, c.pyapi.numba_array_adaptor(item, at))
         else:
             native = c.unbox(kind, item)
             wrong = native.is_error
-            c.builder.store(native.value, _field(c.context, c.builder, kind, place, begin))
+            c.builder.store(native.value, c.builder.bitcast(at, native.value.type.as_pointer()))
         failed = c.builder.or_(failed, wrong)
     return NativeValue(place, is_error=failed)
 
 
-def _field(context: Any, builder: Any, kind: types.Type, place: Any, begin: int) -> Any:
+def _field(builder: Any, record: RecordType, place: Any, k: int) -> Any:
     """Return the address of a field."""
-    pointer = context.get_value_type(kind).as_pointer()
-    return builder.bitcast(cgutils.pointer_add(builder, place, begin), pointer)
+    return cgutils.pointer_add(builder, place, 8 * sum(map(_size, record.fields[:k])))
 
 
-@cache  # because Numba computes a size by parsing a module
-def _layout(context: Any, record: RecordType) -> tuple[list[int], int]:
-    """Return where the fields begin, and the size of the record, in bytes."""
-    begins, size = [], 0
-    for kind in record.fields:
-        begins.append(size)
-        size += -(-context.get_abi_sizeof(context.get_value_type(kind)) // _WORD) * _WORD
-    return begins, size
+def _size(kind: types.Type) -> int:
+    """Return the number of words of 8 bytes that a field needs.
+
+    An array has two references, its numbers of elements and of bytes, its address, and two words
+    for each dimension.
+    """
+    return 5 + 2 * kind.ndim if isinstance(kind, types.Array) else 1
