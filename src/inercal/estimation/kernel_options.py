@@ -1,9 +1,9 @@
 """Decorators for kernels, with variants that compile faster and call each other without overhead.
 
 The kernels allocate nothing and count no references to arrays. Their caller allocates the arrays
-that they use. Only this module uses options and parts of Numba that are not public, and the allowed
-versions of Numba are limited because of them. All kernels use the `njit` defined here, which also
-accepts kernels cached by another version of inercal.
+that they use. Only this module and `kernel_records` use options and parts of Numba that are not
+public, and the allowed versions of Numba are limited because of them. All kernels use the `njit`
+defined here, which also accepts kernels cached by another version of inercal.
 """
 # Numba has no types.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
@@ -76,7 +76,6 @@ class _StepLibrary(codegen.JITCodeLibrary):
         pass
 
     def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:

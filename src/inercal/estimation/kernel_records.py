@@ -74,13 +74,16 @@ def _read_field(context: Any, builder: Any, record: RecordType, place: Any, name
 
 @unbox(RecordType)
 def _store(record: RecordType, instance: Any, c: Any) -> NativeValue:
+    # This function counts no references, and neither do kernels for an array that has no owner.
+    called = ir.FunctionType(ir.IntType(32), [c.pyapi.pyobj, c.pyapi.voidptr])
+    adapt = cgutils.get_or_insert_function(c.builder.module, called, "numba_adapt_ndarray")
     words = ir.ArrayType(ir.IntType(64), sum(map(_size, record.fields)))
     place = cgutils.alloca_once(c.builder, words, zfill=True)
     place, failed = c.builder.bitcast(place, cgutils.voidptr_t), cgutils.false_bit
     for k, kind in enumerate(record.fields):
         item, at = c.pyapi.tuple_getitem(instance, k), _field(c.builder, record, place, k)
         if isinstance(kind, types.Array):
-            wrong = cgutils.is_not_null(c.builder, c.pyapi.numba_array_adaptor(item, at))
+            wrong = cgutils.is_not_null(c.builder, c.builder.call(adapt, (item, at)))
         else:
             native = c.unbox(kind, item)
             wrong = native.is_error
