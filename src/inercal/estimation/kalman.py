@@ -31,8 +31,10 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import kernel, kernel_step
+from inercal.estimation.kernel_records import record
 
 
+@record
 class FilterSteps(NamedTuple):
     """Records of a filter's steps at each of e epochs: one prediction, then m observations.
 
@@ -70,6 +72,7 @@ def allocate_steps(epochs: int, n: int, k: int, m: int, wanted: Array) -> Filter
     )
 
 
+@record
 class SmootherState(NamedTuple):
     """The smoother's state, carried from the last epoch to the first, and its work arrays."""
 
@@ -209,7 +212,8 @@ def smooth_steps(
         Output arrays: corrections to the filter's estimates of the sums `steps.wanted` after these
         epochs, and the smoothed variances.
     """
-    by, large, back, moved, ahead = state
+    by, large, back = state.by, state.large, state.back
+    moved, ahead = state.moved, state.ahead
     r, n = back.shape
     m = steps.s.shape[1]
     apart, q = False, shown.size - 1

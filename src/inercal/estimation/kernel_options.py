@@ -1,9 +1,9 @@
 """Decorators for kernels, with variants that compile faster and call each other without overhead.
 
 The kernels allocate nothing and count no references to arrays. Their caller allocates the arrays
-that they use. Only this module uses options and parts of Numba that are not public, and the allowed
-versions of Numba are limited because of them. All kernels use the `njit` defined here, which also
-accepts kernels cached by another version of inercal.
+that they use. Only this module and `kernel_records` use options and parts of Numba that are not
+public, and the allowed versions of Numba are limited because of them. All kernels use the `njit`
+defined here, which also accepts kernels cached by another version of inercal.
 """
 # Numba has no types.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
@@ -12,8 +12,8 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from numba import njit
-from numba.core import caching, event
+from numba import njit, types
+from numba.core import caching, codegen, compiler, event
 
 
 class _IndexOfKernels(caching.IndexDataCacheFile):
@@ -28,10 +28,77 @@ class _IndexOfKernels(caching.IndexDataCacheFile):
 
 caching.IndexDataCacheFile = _IndexOfKernels
 
+
+# Numba compares its flags at each operator, and would read 30 properties of each.
+_DEFAULT_FLAGS = {name: option.default for name, option in compiler.Flags.options.items()}
+compiler.Flags.values = lambda self: {**_DEFAULT_FLAGS, **self._values}
+compiler.Flags.__hash__ = lambda self: hash(compiler.Flags)
+
+_resolve = types.Function.get_call_type
+_resolved: dict[Any, tuple[Any, Any]] = {}
+
+
+def _resolve_once(self: Any, context: Any, args: Any, kws: Any) -> Any:
+    """Resolve an operator on numbers; Numba would try dozens of templates each time."""
+    operator = self.typing_key
+    if getattr(operator, "__module__", "") != "_operator" or not all(
+        isinstance(one, types.Number | types.IntegerLiteral) for one in args
+    ):
+        return _resolve(self, context, args, kws)
+    if (operator, args) not in _resolved:
+        signature = _resolve(self, context, args, kws)
+        _resolved[operator, args] = signature, self._impl_keys[signature.args]
+    signature, implementation = _resolved[operator, args]
+    self._impl_keys[signature.args] = implementation
+    return signature
+
+
+types.Function.get_call_type = _resolve_once
+
+
+class _NoEnvironments:
+    def set_env(self, env_name: str, env: object) -> None:
+        """Ignore the environment of a function that cannot be called from Python."""
+
+
+class _StepLibrary(codegen.JITCodeLibrary):
+    """The code of a function that only kernels call, which is optimised as a part of each kernel.
+
+    Numba would optimise it and generate machine code for it, although only the kernel's is used.
+    """
+
+    codegen = _NoEnvironments()
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        self._ensure_finalized()
+        return 0
+
+    def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        return self.serialize_using_bitcode()
+
+
+class _StepCompiler(compiler.Compiler):
+    def define_pipelines(self) -> Any:
+        name = self.state.func_id.func_qualname
+        self.state.library = _StepLibrary(self.state.targetctx.codegen(), name)
+        return super().define_pipelines()
+
+
 KERNEL_OPTIONS: dict[str, Any] = {
     "cache": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True,
 }  # fmt: skip
-INNER_OPTIONS: dict[str, Any] = {**KERNEL_OPTIONS, "no_cpython_wrapper": True}
+INNER_OPTIONS: dict[str, Any] = {
+    **KERNEL_OPTIONS, "no_cpython_wrapper": True, "pipeline_class": _StepCompiler,
+}  # fmt: skip
 """Options for a function that only kernels call: a call from Python would crash the process."""
 # Numba has no types for these options.
 _compile: Any = njit
@@ -50,15 +117,6 @@ def kernel_step(function: F) -> F:
     longer to compile than the function.
     """
     return _compile(**INNER_OPTIONS)(function)
-
-
-def kernel_piece(function: F) -> F:
-    """Compile a function inline in its calling kernels, each of which should call it once.
-
-    Without inlining, each call would have to pass all arrays in its tuples, which are hundreds of
-    numbers.
-    """
-    return _compile(**INNER_OPTIONS, inline="always")(function)
 
 
 def kernel_value(function: F) -> F:

@@ -103,7 +103,8 @@ def _whiten_rows(
     `ends` (2,) receives the epoch at which to continue and the number of rows written; `work`, (k +
     1, c), is scratch space.
     """
-    a, keep, h, gain, off, s = steps[:6]
+    a, keep, h = steps.a, steps.keep, steps.h
+    gain, off, s = steps.gain, steps.off, steps.s
     k, n, r, d = a.shape[1], a.shape[2], driven.shape[1], driven.shape[2]
     o, c, m = seen.shape[1], x.shape[1], s.shape[1]
     column, filled = work[k], 0

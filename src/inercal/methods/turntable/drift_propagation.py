@@ -4,7 +4,10 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.estimation.kernel_options import kernel, kernel_step
+from inercal.estimation.kernel_records import record
 from inercal.methods.turntable.drift import Drift
+
+record(Drift)
 
 
 @kernel_step
@@ -26,7 +29,7 @@ def propagate_drift(
     `joint`, (c, 3), is the covariance of the noise of each component with that of J, for
     `add_drift_cross_covariance`.
     """
-    times, variance, walk, mean_over_run = drift
+    times, variance, walk = drift.times, drift.variance, drift.walk
     own = first + 3 * times.size  # index at which J begins
     for k in range(3):
         total = 0.0
@@ -40,7 +43,7 @@ def propagate_drift(
             drawn[at] = variance[c, k] * (1 - kept * kept)
             joint[c, k] = 2 * variance[c, k] * times[c] * (1 - kept)
             total += 2 * variance[c, k] * times[c] * since
-        if mean_over_run:
+        if drift.mean_over_run:
             drawn[own + k] = total
 
 

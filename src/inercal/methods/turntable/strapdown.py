@@ -9,6 +9,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import kernel, kernel_step, kernel_value
+from inercal.estimation.kernel_records import record
 from inercal.methods.turntable.small_matrices import (
     Matrix,
     Vector,
@@ -22,6 +23,8 @@ from inercal.methods.turntable.small_matrices import (
 )
 from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE, Terms
 from inercal.recordings import STAMP_ROUNDING
+
+record(Terms)
 
 # Suppose that a rate is modelled as a parabola through three samples, and that its slope jumps by a
 # at the fraction s of a step. The error is then a Δt² (s − s² − 1/6)/2, which is half of the second
@@ -125,9 +128,9 @@ def inverse_scale_matrix(terms: Terms, c: Array, warmth: float, work: Array, out
 
     `work` (3, 3) is overwritten.
     """
-    nominal, axis, weights, first = terms
+    axis, weights, first = terms.axis, terms.weights, terms.first
     warmed = weights.shape[1] > BASIS
-    copy_matrix(nominal, work)
+    copy_matrix(terms.nominal, work)
     for m in range(axis.size):
         for k in range(3):
             by = weights[m, first + k]
@@ -172,7 +175,7 @@ def added_term_indices(used: Indices, first: int) -> Indices:
 @kernel_step
 def sum_reading_terms(terms: Terms, c: Array, drift: Array, used: Indices, by: Array) -> None:
     """Write the factor of each term of φ in the readings, (BASIS, 3); the first includes drift."""
-    _, axis, weights, _ = terms
+    axis, weights = terms.axis, terms.weights
     for t in range(used.size):
         b = used[t]
         for i in range(3):
@@ -215,7 +218,7 @@ def write_transition_columns(
 
     The columns come after a square block. Each bias's drift is the sum of `components` components.
     """
-    (_, axis, weights, _), first = terms, len(a)
+    axis, weights, first = terms.axis, terms.weights, len(a)
     gm = first + axis.size
     for s in range(axis.size):
         for k in range(3):

@@ -18,7 +18,8 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kalman import FilterSteps, store_covariance_rows, update
-from inercal.estimation.kernel_options import kernel, kernel_piece, kernel_step
+from inercal.estimation.kernel_options import kernel, kernel_step
+from inercal.estimation.kernel_records import record
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.small_matrices import (
     copy_matrix,
@@ -52,6 +53,7 @@ from inercal.methods.turntable_kalman._filter_steps import (
 )
 
 
+@record
 class VelocityReadback(NamedTuple):
     """The readback at e samples, ascending, which include the first sample of each hold."""
 
@@ -64,6 +66,7 @@ class VelocityReadback(NamedTuple):
     noise: Array  # (e, 2) rad², variance of the readback's noise about the directions
 
 
+@record
 class VelocitySettings(NamedTuple):
     """Variances that the model of the triad does not contain."""
 
@@ -72,6 +75,7 @@ class VelocitySettings(NamedTuple):
     gate: float  # standard deviations above which a readback innovation is rejected
 
 
+@record
 class VelocityState(NamedTuple):
     """The state of the filter. The part of x that is fed back is zero."""
 
@@ -175,14 +179,14 @@ def run_accelerometer_filter(
     return total
 
 
-@kernel_piece
+@kernel_step
 def _write_rest_force(gravity: float, c: Array, work: KernelWorkspace) -> None:
     """Write φ for the force sensed at rest, and C M; both are constant until the next epoch."""
     fill_force_terms(work.phi, (gravity * c[2, 0], gravity * c[2, 1], gravity * c[2, 2]))
     write_row(times_matrix(matrix(c), matrix(work.m)), work.cm)
 
 
-@kernel_piece
+@kernel_step
 def _propagate_velocity(
     first: int,
     end: int,
@@ -192,7 +196,8 @@ def _propagate_velocity(
     work: KernelWorkspace,
 ) -> None:
     """Propagate the velocity over a hold's samples, and sum its sensitivities."""
-    time, forces, hold, warmth = samples
+    time, forces = samples.time, samples.reading
+    hold, warmth = samples.hold, samples.temperature_offset
     terms, theta, warmed = model.terms, state.theta, warmth.size > 0
     used, m, by, phi = work.used_terms, work.m, work.reading_terms, work.phi
     result = state.sensitivity_integral
@@ -270,7 +275,7 @@ def _clear(to: Transition) -> None:
         keep[j], drawn[j] = 1.0, 0.0
 
 
-@kernel_piece
+@kernel_step
 def _transition(
     model: KernelModel, state: VelocityState, work: KernelWorkspace, to: Transition
 ) -> None:
@@ -294,7 +299,7 @@ def _transition(
     a[0, 4], a[1, 3] = -gravity * since, gravity * since
 
 
-@kernel_piece
+@kernel_step
 def _update_by_readback(
     e: int,
     readback: VelocityReadback,
@@ -326,7 +331,7 @@ def _update_by_readback(
             h[3 + k, gm + model.size + j] = beside[e, k, j]
 
 
-@kernel_piece
+@kernel_step
 def _feed_back(state: VelocityState, turn: Array) -> None:
     """Correct the velocity and attitude, and update the coefficients."""
     x, theta, velocity = state.x, state.theta, state.velocity

@@ -13,7 +13,8 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kalman import predict, update
-from inercal.estimation.kernel_options import kernel, kernel_piece, kernel_step
+from inercal.estimation.kernel_options import kernel, kernel_step
+from inercal.estimation.kernel_records import record
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance
 from inercal.methods.turntable.strapdown import inverse_scale_matrix, sum_reading_terms
@@ -26,6 +27,7 @@ INNOVATION_GATE = 4.0
 MAX_REJECTIONS = 3  # in a row
 
 
+@record
 class FilterSamples(NamedTuple):
     """The samples of a piece of a recording; n of them."""
 
@@ -35,6 +37,7 @@ class FilterSamples(NamedTuple):
     temperature_offset: Array  # (n,) K, ΔT; (0,) if the sensor does not depend on it
 
 
+@record
 class KernelModel(NamedTuple):
     """The model of three axes at the location of the bench."""
 
@@ -56,6 +59,7 @@ class Transition(NamedTuple):
     joint: Array  # (components, 3), covariance between the drift's noise and that of J
 
 
+@record
 class KernelWorkspace(NamedTuple):
     """Arrays for intermediate results of a kernel, which allocates no memory."""
 
@@ -109,14 +113,14 @@ def allocate_workspace(
     )  # fmt: skip
 
 
-@kernel_piece
+@kernel_step
 def update_workspace(work: KernelWorkspace, terms: Terms, theta: Array) -> None:
     """Write M and the factors of φ for the current estimates."""
     inverse_scale_matrix(terms, theta, 0.0, work.square, work.m)
     sum_reading_terms(terms, theta, work.fed, work.used_terms, work.reading_terms)
 
 
-@kernel_piece
+@kernel_step
 def predict_covariance(drift: Drift, first: int, to: Transition, moved: Array, p: Array) -> None:
     """Propagate a covariance to the next epoch, in place; drift states start at index `first`."""
     predict(p, to.a, to.keep, to.driven, to.drawn, moved)
@@ -178,7 +182,7 @@ def is_rejected(
     return True
 
 
-@kernel_piece
+@kernel_step
 def white_noise_covariance(cm: Array, noise: Array, since: float, out: Array) -> None:
     """Write the covariance of integrated white noise, C M diag(noise) (C M)ᵀ Δt."""
     for k in range(3):
@@ -188,7 +192,7 @@ def white_noise_covariance(cm: Array, noise: Array, since: float, out: Array) ->
                 out[k, j] += cm[3 * k + b] * noise[b] * cm[3 * j + b] * since
 
 
-@kernel_piece
+@kernel_step
 def write_estimate(
     model: KernelModel,
     work: KernelWorkspace,

@@ -9,7 +9,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.estimation.kalman import FilterSteps, store_covariance_rows, update
-from inercal.estimation.kernel_options import kernel, kernel_piece, kernel_step, kernel_value
+from inercal.estimation.kernel_options import kernel, kernel_step, kernel_value
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.small_matrices import (
     Vector,
@@ -151,7 +151,7 @@ def run_gyro_filter(
     return total
 
 
-@kernel_piece
+@kernel_step
 def _propagate_attitude(
     first: int,
     end: int,
@@ -162,7 +162,8 @@ def _propagate_attitude(
     work: KernelWorkspace,
 ) -> None:
     """Propagate the attitude over samples, and sum the sensitivities of φ."""
-    time, rates, hold, warmth = samples
+    time, rates = samples.time, samples.reading
+    hold, warmth = samples.hold, samples.temperature_offset
     terms, theta = model.terms, state.theta
     used, m, by, phi = work.used_terms, work.m, work.reading_terms, work.phi
     result, before = state.sensitivity_integral, state.rates
@@ -287,7 +288,7 @@ def _kink_variance(a: Vector, b: Vector, c: Vector, dt: float, white: Array) -> 
     return total * (PARABOLA_ERROR * dt) ** 2
 
 
-@kernel_piece
+@kernel_step
 def _transition(
     model: KernelModel,
     settings: AttitudeSettings,
@@ -326,7 +327,7 @@ def _transition(
         a[0, settings.timing_states[2]] = earth[1] * since
 
 
-@kernel_piece
+@kernel_step
 def _propagate_azimuth_error(settings: AttitudeSettings, x: Array, a: Array, moved: Array) -> None:
     """Propagate φ with the estimated azimuth, because the attitude uses the stated one."""
     azimuth = settings.timing_states[2]

@@ -20,7 +20,8 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Bools, Indices
 from inercal.estimation.kalman import update
-from inercal.estimation.kernel_options import kernel_piece, kernel_step
+from inercal.estimation.kernel_options import kernel_step
+from inercal.estimation.kernel_records import record
 from inercal.methods.turntable.drift_propagation import sum_drift_components
 from inercal.methods.turntable.small_matrices import copy_matrix, product
 from inercal.methods.turntable.strapdown import (
@@ -36,6 +37,7 @@ MAX_ITERATIONS, DELAY_TOLERANCE = 10, 1e-6  # for the delay; tolerance in s
 REST_RATE_VARIANCES = 20.0  # variances of a sample; a smaller rate counts as noise
 
 
+@record
 class AttitudeReadback(NamedTuple):
     """The readback at e samples, ascending."""
 
@@ -46,6 +48,7 @@ class AttitudeReadback(NamedTuple):
     variance: Array  # (e,) rad², of the attitude
 
 
+@record
 class AttitudeSettings(NamedTuple):
     """Parameters of the comparison of readback and attitude."""
 
@@ -59,6 +62,7 @@ class AttitudeSettings(NamedTuple):
     azimuth: float  # rad, azimuth of the earth's rate in the model
 
 
+@record
 class AttitudeState(NamedTuple):
     """The state of the filter. The part of x that is fed back is zero."""
 
@@ -152,7 +156,7 @@ def align(
             to.driven[k, j] = spread if j == k else 0.0
 
 
-@kernel_piece
+@kernel_step
 def update_by_readback(
     e: int,
     readback: AttitudeReadback,
@@ -188,7 +192,7 @@ def update_by_readback(
         when, variance = _readback_time(readback.age[e], settings, state.time, x, p)
 
 
-@kernel_piece
+@kernel_step
 def _linearise(
     e: int,
     readback: AttitudeReadback,
@@ -310,7 +314,7 @@ def _add_delay_curvature(
                 spread[k] += 3 * variance * row[s] * p[3 + s, 3 + t] * row[t]
 
 
-@kernel_piece
+@kernel_step
 def begin_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
     """Make the sums in the ring buffer, −G, start at this epoch."""
     sums, total, used = state.sensitivity_integrals, work.total, work.used_terms
@@ -321,7 +325,7 @@ def begin_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
                 sums[row, b, k] -= total[b, k]
 
 
-@kernel_piece
+@kernel_step
 def feed_back(model: KernelModel, state: AttitudeState, work: KernelWorkspace, lasts: bool) -> None:
     """Rotate the attitude by φ, and add the corrections to the coefficients.
 

@@ -140,7 +140,7 @@ def increments(
     shared : (e + 1, 3, 3) array
         Output: covariance of the two increments that meet at each readback, rad².
     """
-    _, axis, weights, _ = terms
+    axis, weights = terms.axis, terms.weights
     count, size_of_phi, warmed = axis.size, weights.shape[1], warmth.size > 0
     m, phi, wrong, c = np.zeros((3, 3)), np.zeros(size_of_phi), np.zeros(3), np.zeros((3, 3))
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
