@@ -5,7 +5,7 @@ which task was being computed. Here each process computes one task at a time.
 """
 
 import pickle
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -40,12 +40,15 @@ class IsolatedExecutor(TolerantExecutor):
     ----------
     workers : int
         Number of processes; each starts with its first task.
+    modules : sequence of str, optional
+        Modules that the processes load first.
     """
 
-    def __init__(self, workers: int):
+    def __init__(self, workers: int, modules: Sequence[str] = ()):
         super().__init__()
         self._most = workers
-        self._context = WorkerContext()
+        self._context = WorkerContext(modules)
+        self._context.prepare()
         self._workers: list[_Worker] = []
         self._failed_starts = 0
         self._clock = AwakeClock()

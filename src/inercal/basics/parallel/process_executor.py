@@ -7,22 +7,26 @@ both before the others are ready and afterwards.
 
 import pickle
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
+from math import ceil
 from queue import Empty, SimpleQueue
-from threading import Semaphore
+from threading import Semaphore, Thread
 from time import perf_counter
 from typing import Any, Self
 
 from inercal.basics.parallel.executor import Executor, Settled, Task, WorkerLost
 from inercal.basics.parallel.worker_process import WorkerContext
 
-# A new process spends about 1 s on imports. Two processes halve the computing time, so for less
-# than 2 s of work they would cost more than they save.
+# The server of the workers spends about 1 s on imports. Two processes halve the computing time, so
+# for less than 2 s of work they would cost more than they save. Each further process costs a tenth
+# of a second, and needs half of this work.
 LEAST_WORK = 2.0  # s
+_MOMENT = 1e-9  # s, to divide by
 # The first task may spend half a second loading compiled kernels, so its time would make the work
 # seem longer than it is.
 _FIRST_SEEMS_LONGER = 3.0
@@ -38,13 +42,22 @@ class ProcessExecutor(Executor):
     workers : int
         Number of computing processes including this one; 2 or more.
     least_work : float, optional
-        Other processes are started if the waiting tasks would take at least this time, s.
+        Another process starts if the waiting tasks would take at least this time, s, and further
+        ones if each has half of it to do.
     at_once : bool, optional
         Whether the processes start when the `with` block begins, while this process prepares the
         tasks.
+    modules : sequence of str, optional
+        Modules that the other processes load first.
     """
 
-    def __init__(self, workers: int, least_work: float = LEAST_WORK, at_once: bool = False):
+    def __init__(
+        self,
+        workers: int,
+        least_work: float = LEAST_WORK,
+        at_once: bool = False,
+        modules: Sequence[str] = ("numba",),
+    ):
         super().__init__()  # the pool's thread also takes waiting tasks from it
         self._workers, self._least_work, self._at_once = workers, least_work, at_once
         self._bound: deque[Task] = deque()  # must run in this process: they cannot be pickled
@@ -52,12 +65,10 @@ class ProcessExecutor(Executor):
         self._open: set[int] = set()  # submitted but not yet yielded
         self._task_seconds: float | None = None  # duration of one task, if known
         self._done_here = 0
-        self._context = WorkerContext()
+        self._context = WorkerContext(modules)
+        self._starting: Thread | None = None
         self._pool: ProcessPoolExecutor | None = None
-        # The pool holds one task more than it has processes, so a process that finishes can
-        # continue while this process is busy.
-        others = workers - 1
-        self._places = Semaphore(others + 1)
+        self._places = Semaphore(0)
         self._failure: Settled | None = None
 
     def __enter__(self) -> Self:
@@ -74,8 +85,8 @@ class ProcessExecutor(Executor):
     def completed(self) -> Iterator[tuple[int, Any]]:
         """Yield index and result of each task as it finishes."""
         while self._open:
-            if self._pool is None and self._is_long_work():
-                self._start(min(self._workers - 1, len(self._waiting)))
+            if self._starting is None and (others := self._repaid_workers()):
+                self._start(others)
             if self._pool is not None:
                 self._feed(self._pool)
             outcome = self._next_outcome()
@@ -94,6 +105,8 @@ class ProcessExecutor(Executor):
         self._waiting.clear()
         self._bound.clear()
         self._open.clear()
+        if self._starting is not None:
+            self._starting.join()
         if self._pool is not None:
             # The processes are terminated and not asked to stop, because a task may take minutes.
             # Idle processes lose nothing by this.
@@ -101,15 +114,26 @@ class ProcessExecutor(Executor):
             self._pool.shutdown(wait=True)
 
     def _start(self, others: int) -> None:
-        self._pool = ProcessPoolExecutor(others, mp_context=self._context)
-        for _ in range(others):
-            # A task starts each process; this one imports the module that takes longest to load.
-            self._pool.submit(import_module, "numba")
+        """Start other processes in a thread, because their server loads modules for a second."""
+        # The pool holds one task more than it has processes, so a process that finishes can
+        # continue while this process is busy.
+        self._places = Semaphore(others + 1)
+        self._context.prepare()
+        self._starting = Thread(target=self._open_pool, args=(others,), daemon=True)
+        self._starting.start()
 
-    def _is_long_work(self) -> bool:
-        if self._task_seconds is None:
-            return False
-        return self._task_seconds * len(self._waiting) >= self._least_work
+    def _open_pool(self, others: int) -> None:
+        pool = ProcessPoolExecutor(others, mp_context=self._context)
+        with suppress(EOFError, OSError):  # without the server, this process does all the work
+            pool.submit(_load, self._context.modules)
+            self._pool = pool
+            self._feed(pool)
+
+    def _repaid_workers(self) -> int:
+        """Return how many other processes the waiting tasks repay."""
+        work, share = (self._task_seconds or 0.0) * len(self._waiting), self._least_work / 2
+        most = min(self._workers, len(self._waiting) + 1, int(work / max(share, _MOMENT)))
+        return max(most - 1, 0)
 
     def _next_outcome(self) -> Settled | None:
         """Return an outcome from another process, or else the result of a task computed here."""
@@ -188,6 +212,12 @@ class ProcessExecutor(Executor):
                 break
             if task.index < failed.index:
                 self._waiting.append(task)
+
+
+def _load(modules: Sequence[str]) -> None:
+    """Load the modules in a process that has no server which did so."""
+    for name in modules:
+        import_module(name)
 
 
 def _run_pickled(content: bytes) -> Any:
