@@ -41,7 +41,7 @@ class IsolatedExecutor(TolerantExecutor):
     workers : int
         Number of processes; each starts with its first task.
     modules : sequence of str, optional
-        Modules that the processes load first.
+        Modules that the server of the processes loads.
     """
 
     def __init__(self, workers: int, modules: Sequence[str] = ()):

@@ -12,8 +12,6 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from functools import partial
-from importlib import import_module
-from math import ceil
 from queue import Empty, SimpleQueue
 from threading import Semaphore, Thread
 from time import perf_counter
@@ -48,7 +46,7 @@ class ProcessExecutor(Executor):
         Whether the processes start when the `with` block begins, while this process prepares the
         tasks.
     modules : sequence of str, optional
-        Modules that the other processes load first.
+        Modules that the server of the other processes loads.
     """
 
     def __init__(
@@ -56,7 +54,7 @@ class ProcessExecutor(Executor):
         workers: int,
         least_work: float = LEAST_WORK,
         at_once: bool = False,
-        modules: Sequence[str] = ("numba",),
+        modules: Sequence[str] = (),
     ):
         super().__init__()  # the pool's thread also takes waiting tasks from it
         self._workers, self._least_work, self._at_once = workers, least_work, at_once
@@ -125,7 +123,7 @@ class ProcessExecutor(Executor):
     def _open_pool(self, others: int) -> None:
         pool = ProcessPoolExecutor(others, mp_context=self._context)
         with suppress(EOFError, OSError):  # without the server, this process does all the work
-            pool.submit(_load, self._context.modules)
+            pool.submit(int)  # a task starts a process
             self._pool = pool
             self._feed(pool)
 
@@ -212,12 +210,6 @@ class ProcessExecutor(Executor):
                 break
             if task.index < failed.index:
                 self._waiting.append(task)
-
-
-def _load(modules: Sequence[str]) -> None:
-    """Load the modules in a process that has no server which did so."""
-    for name in modules:
-        import_module(name)
 
 
 def _run_pickled(content: bytes) -> Any:

@@ -15,18 +15,18 @@ from multiprocessing.connection import wait
 from multiprocessing.forkserver import ensure_running
 from tempfile import gettempdir
 from threading import Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from inercal.basics.process_settings import prepare_process
 
 # The server listens at a path in this folder, and the system limits such paths to 108 bytes.
 _HAS_SERVER = sys.platform == "linux" and len(os.fsencode(gettempdir())) < 64
-if _HAS_SERVER:
-    from multiprocessing.context import ForkServerContext as _Context
-    from multiprocessing.context import ForkServerProcess as _Process
-else:
+if TYPE_CHECKING or not _HAS_SERVER:
     from multiprocessing.context import SpawnContext as _Context
     from multiprocessing.context import SpawnProcess as _Process
+else:
+    from multiprocessing.context import ForkServerContext as _Context
+    from multiprocessing.context import ForkServerProcess as _Process
 
 _SETTINGS = dict.fromkeys(
     # There are as many processes as cores, so more linear-algebra threads would only wait for each
@@ -68,8 +68,7 @@ class WorkerContext(_Context):
 
     def __init__(self, modules: Sequence[str] = ()):
         super().__init__()
-        self.modules = [*modules]
-        self.set_forkserver_preload(self.modules)
+        self.set_forkserver_preload([*modules])
         self.started: list[WorkerProcess] = []
 
     def prepare(self) -> None:
