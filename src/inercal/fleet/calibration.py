@@ -21,8 +21,8 @@ from inercal.fleet.time_limit import TimeLimit
 
 TASK_SECONDS = 2.0  # s per batch: low overhead, and little work is lost if a worker dies
 # The last batches are shorter, so that all workers finish together. On a cluster, a batch costs
-# about 2 ms, which is 1 % of this time.
-SHORTEST_TASK = 0.2  # s
+# about 2 ms, which is less than 1 % of this time.
+SHORTEST_TASK = 0.4  # s
 _MOST_IN_BATCH = 200
 _WINDOW = 4  # batches per worker in progress
 _FIRST_BATCHES = 2  # before the times are known; one of them may take very long
@@ -248,7 +248,7 @@ class Scheduling:
         if not self._measured:
             return 1
         each = self._seconds / self._measured
-        share = self._left() * each / (2 * self._workers)
+        share = self._left() * each / (2 * self._workers) if self._workers > 1 else TASK_SECONDS
         seconds = min(TASK_SECONDS, max(share, SHORTEST_TASK))
         return round(min(max(seconds / each, 1), _MOST_IN_BATCH))
 

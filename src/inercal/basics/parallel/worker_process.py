@@ -5,6 +5,7 @@ server (a fork). A fork is only safe in a process without other threads, so the 
 else. Elsewhere each worker loads the modules itself, because macOS does not allow such copies.
 """
 
+import gc
 import os
 import signal
 import sys
@@ -53,6 +54,7 @@ class WorkerProcess(_Process):
         """Compute tasks until the parent ends."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # on systems where signals cannot be blocked
         prepare_process()
+        gc.freeze()  # a search for cycles would write to the memory shared with the server
         Thread(target=_end_with_parent, daemon=True).start()
         super().run()
 
