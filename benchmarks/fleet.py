@@ -1,7 +1,8 @@
 """A line of sensors: what the engine costs, and what two workers gain.
 
 Each recording has six positions of 10⁴ samples in all. The engine's own cost is that of tasks that
-compute nothing, by the same window of batches.
+compute nothing, by the same window of batches. The efficiency of many workers is computed from the
+cost of a sensor, of a worker and of a task, and from what the client does before and beside them.
 """
 
 import resource
@@ -22,13 +23,15 @@ from benchmarks.start_up import processor_time
 from inercal.basics.parallel import available_cores, open_tolerant_executor
 from inercal.fleet import results
 from inercal.fleet.batch import BatchDone, Work, compute_batch
-from inercal.fleet.calibration import Counts, Scheduling
+from inercal.fleet.calibration import SHORTEST_TASK, TASK_SECONDS, Counts, Scheduling
+from inercal.fleet.inputs import line_inputs
 from inercal.fleet.line import Line, SensorRow, read_line
 from inercal.fleet.recordings import Version
 from inercal.fleet.time_limit import TimeLimit
 
-SENSORS, EACH = 2000, 1667  # recordings, samples of each position
+SENSORS, FEW, EACH = 2000, 50, 1667  # recordings, few of them, samples of each position
 TOGETHER = 100  # sensors of a batch
+WORKERS, MANY = 16, 10_000  # of which the efficiency is computed, and their sensors
 LOOP = 5  # calls of `inercal calibrate` by which a loop over the program is judged
 REPORTED = 100_000  # sensors
 SIZES = (1_000, 10_000, 100_000)  # tasks that compute nothing
@@ -117,10 +120,11 @@ def rows() -> Iterator[Row | Skipped]:
     cluster = LocalCluster(
         2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
     )
+    task: dict[str, float] = {}
     for scheduler, name in ((None, "processes"), (cluster.scheduler_address, "Dask")):
-        cost, _ = engine_cost(scheduler, SIZES[0])
-        each = Duration(cost / SIZES[0], cost.wall / SIZES[0], cost.processor / SIZES[0])
-        yield Row(f"fleet: a task by {name}", 1e3 * each, 2.0, "limit", "ms")
+        task[name] = engine_cost(scheduler, SIZES[0])[0] / SIZES[0]
+        share = 100 * task[name] / SHORTEST_TASK
+        yield Row(f"fleet: a task by {name}, of the work of the shortest", share, 2.0, "limit", "%")
     cluster.close()
     costs = [engine_cost(None, size) for size in SIZES]
     grown = costs[-1][0] / costs[0][0] / (SIZES[-1] / SIZES[0])
@@ -132,11 +136,30 @@ def rows() -> Iterator[Row | Skipped]:
         yield from sensor_rows(folder)
         one, two = fleet(folder, 1), fleet(folder, 2)
         what = f"fleet: {SENSORS} recordings of 10⁴ samples"
-        yield Row(f"{what}, two workers, CPU", two, 1.4 * one, "1.4 × one worker")
+        yield Row(f"{what}, two workers, CPU", two, 1.1 * one, "1.1 × one worker")
+        yield _efficiency(folder, one, task["processes"])
         loop = np.mean([calibrate_one(folder, k) for k in range(LOOP)])
         yield Row(f"{what}, CPU", one, SENSORS * float(loop), "a loop over inercal calibrate",
                   to_reach=5.0)  # fmt: skip
         if available_cores() < 2:
             yield Skipped(f"{what}, two workers, wall", "one core")
             return
-        yield Row(f"{what}, two workers, wall", two.wall, one.wall, "one worker", to_reach=1.6)
+        yield Row(f"{what}, two workers, wall", two.wall, one.wall, "one worker", to_reach=1.8)
+
+
+def _efficiency(folder: Path, one: Duration, task: float) -> Row:
+    """Compare the time of many workers, computed from measured costs, with their share of one."""
+    with TemporaryDirectory() as name:
+        small = make_line(Path(name), FEW, EACH)
+        few, by_two = fleet(small, 1), fleet(small, 2)
+    sensor = (one.processor - few.processor) / (SENSORS - FEW)
+    worker = by_two.processor - few.processor
+    begin = time.process_time()
+    line_inputs(read_line(folder))
+    client = (time.process_time() - begin) / SENSORS
+    start = few.processor - FEW * sensor  # client, server and first worker one after another
+    tasks = MANY * sensor / TASK_SECONDS
+    shared = start + worker + MANY * (client + sensor / WORKERS) + tasks * task
+    name = f"fleet: {MANY} recordings by {WORKERS} workers, from the costs of each"
+    alone = (start + MANY * sensor) / WORKERS
+    return Row(name, shared, alone, f"one worker / {WORKERS}", to_reach=0.85)

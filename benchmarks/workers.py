@@ -76,7 +76,8 @@ def _efficiency() -> Row:
     halves: list[float] = []
     shared: list[float] = []
     with ProcessExecutor(2, least_work=0.0) as executor:
-        _share(executor, iterations)  # starts the other worker
+        while _share(executor, iterations) < 2:  # until the other worker has started
+            pass
         for _ in range(OFTEN):
             begin = time.perf_counter()
             for _ in range(TASKS):

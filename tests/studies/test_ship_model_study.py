@@ -105,8 +105,9 @@ def test_tilts_about_the_radial_axis_have_rank_nine():
 def test_the_optimiser_finds_dampings_sum_and_another_sensor(
     estimator_comparison: EstimatorComparison,
 ):
-    (search,) = optimiser.search_calls(estimator_comparison.case, 1, 1)
-    one = search()
+    case = estimator_comparison.case
+    found = [search() for search in optimiser.search_calls(case, 1, 1)]
+    (one,) = optimiser.compare_searches(case, 1, found)
     assert one.cost_ratio == pytest.approx(1, rel=0.01)
     assert one.solution_distance > max(20 * MILLI, 10 * one.norm)
     assert one.vector_error["wide"] > 0.1

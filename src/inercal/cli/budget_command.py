@@ -37,7 +37,8 @@ def run(
         )
     if seed < 0:
         raise InputError(f"--seed {seed} is negative; give 0 or more", key="--seed")
-    executor = open_executor(workers, scheduler)
+    modules = ("inercal.pipeline.budget.experiment_from_runfile", "inercal.pipeline.budget")
+    executor = open_executor(workers, scheduler, modules)
     plan = read(run_file)
     # The modules of the work load after the run file was checked.
     from inercal.pipeline.budget import budget

@@ -23,7 +23,10 @@ if TYPE_CHECKING:
     from inercal.fleet.status import LineStatus
 
 FAILED = 3  # exit status: some sensors have no result
-_SERIAL = 100  # with fewer sensors, starting other processes takes longer than it saves
+_WORKER_MODULES = """
+    fleet.batch calibration.files benches.hand.kind benches.hand.reading methods.six_position
+    methods.residuals estimation.fitting pipeline recordings.io.npz
+"""
 _POLL = 0.5  # s
 _REPORT = "report.html"
 _TOLD_BY = 7  # columns by which our own table is recognised
@@ -302,11 +305,10 @@ def _calibrate(
     from inercal.basics.parallel import open_tolerant_executor
     from inercal.fleet.calibration import calibrate_line
 
-    if workers is None and scheduler is None and len(line.rows) < _SERIAL:
-        workers = 1
+    modules = [f"inercal.{name}" for name in _WORKER_MODULES.split()]
     with (
         progress_status(format_count(len(line.rows), "sensor")) as update,
-        open_tolerant_executor(workers, scheduler) as executor,
+        open_tolerant_executor(workers, scheduler, modules) as executor,
     ):
 
         def show(counts: "Counts") -> None:

@@ -51,9 +51,9 @@ def run(
         return
     from inercal.basics.parallel import open_executor
     from inercal.cli.terminal import terminal
-    from inercal.studies import TRIALS, reproduce, results_as_list, write_study
+    from inercal.studies import STUDIES, TRIALS, reproduce, results_as_list, write_study
 
-    executor = open_executor(workers, scheduler)
+    executor = open_executor(workers, scheduler, [STUDIES[name]] if name in STUDIES else ())
     written: Path | None = None
     folder = Path() if out is None and not json else out
     if folder is not None:

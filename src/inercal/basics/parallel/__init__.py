@@ -10,6 +10,7 @@ this process.
 
 import os
 import sys
+from collections.abc import Sequence
 
 from inercal.basics.errors import InputError
 from inercal.basics.parallel.executor import (
@@ -37,7 +38,9 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-def open_executor(workers: int | None = None, scheduler: str | None = None) -> Executor:
+def open_executor(
+    workers: int | None = None, scheduler: str | None = None, modules: Sequence[str] = ()
+) -> Executor:
     """Return an executor that runs tasks on this machine or on a Dask cluster.
 
     Parameters
@@ -48,6 +51,8 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> E
     scheduler : str, optional
         Address of a Dask scheduler, "tcp://host:8786" or "tls://host:8786". "local" means the same
         as no argument: the tasks run on this machine, and no port is opened.
+    modules : sequence of str, optional
+        Modules of the work; processes on this machine load them while the tasks are prepared.
 
     Raises
     ------
@@ -64,17 +69,17 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> E
         return SerialExecutor()
     from inercal.basics.parallel.process_executor import ProcessExecutor
 
-    return ProcessExecutor(number, at_once=workers is not None)
+    return ProcessExecutor(number, at_once=workers is not None, modules=modules)
 
 
 def open_tolerant_executor(
-    workers: int | None = None, scheduler: str | None = None
+    workers: int | None = None, scheduler: str | None = None, modules: Sequence[str] = ()
 ) -> TolerantExecutor:
     """Return an executor that continues if a worker process ends; all tasks run in workers.
 
     Parameters
     ----------
-    workers, scheduler
+    workers, scheduler, modules
         See `open_executor`.
 
     Raises
@@ -87,7 +92,7 @@ def open_tolerant_executor(
         return _open_cluster(scheduler, workers)
     from inercal.basics.parallel.isolated_executor import IsolatedExecutor
 
-    return IsolatedExecutor(_processes(workers))
+    return IsolatedExecutor(_processes(workers), modules)
 
 
 def _open_cluster(scheduler: str, workers: int | None) -> TolerantExecutor:

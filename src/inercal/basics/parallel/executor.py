@@ -20,6 +20,7 @@ class TimeExceeded(WorkerLost):
 
     step = 0  # counted from 0
     limit = 0.0  # s
+    is_exact = True  # whether the time was exceeded by this step and not by one soon after it
 
     @classmethod
     def of(cls, step: int, limit: float) -> Self:
@@ -27,6 +28,15 @@ class TimeExceeded(WorkerLost):
         error = cls(f"stopped after {format_duration(limit)}")
         error.step, error.limit = step, limit
         return error
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A finished task: its index, and its result or the exception that it raised."""
+
+    index: int
+    result: Any
+    error: BaseException | None
 
 
 @dataclass(frozen=True)
@@ -41,14 +51,12 @@ class Task:
         """Call the function and return its result."""
         return self.function(*self.arguments)
 
-
-@dataclass(frozen=True)
-class Settled:
-    """A finished task: its index, and its result or the exception that it raised."""
-
-    index: int
-    result: Any
-    error: BaseException | None
+    def settle(self) -> Settled:
+        """Call the function in this process and return the outcome."""
+        try:
+            return Settled(self.index, self(), None)
+        except Exception as error:
+            return Settled(self.index, None, error)
 
 
 class Executor(Closeable, ABC):
@@ -106,7 +114,9 @@ class TolerantExecutor(Executor):
 
     def forget_after(self, index: int) -> None:
         """Drop tasks with a larger index that have not started."""
-        self._waiting = deque(task for task in self._waiting if task.index <= index)
+        kept = [task for task in self._waiting if task.index <= index]
+        self._waiting.clear()
+        self._waiting.extend(kept)
 
     def completed(self) -> Iterator[tuple[int, Any]]:
         """Yield the index and result of each task as it finishes."""
@@ -134,13 +144,7 @@ class SerialExecutor(TolerantExecutor):
     def settled(self) -> Iterator[Settled]:
         """Run and yield the tasks in order."""
         while self._waiting:
-            task = self._waiting.popleft()
-            try:
-                result = task()
-            except Exception as error:
-                yield Settled(task.index, None, error)
-            else:
-                yield Settled(task.index, result, None)
+            yield self._waiting.popleft().settle()
 
     def close(self) -> None:
         """Drop the remaining tasks."""

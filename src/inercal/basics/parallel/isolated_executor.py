@@ -5,7 +5,8 @@ which task was being computed. Here each process computes one task at a time.
 """
 
 import pickle
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -40,12 +41,22 @@ class IsolatedExecutor(TolerantExecutor):
     ----------
     workers : int
         Number of processes; each starts with its first task.
+    modules : sequence of str, optional
+        Modules that the server of the processes loads.
+    waiting : deque of Task, optional
+        Accepted tasks, if another executor accepts them.
     """
 
-    def __init__(self, workers: int):
+    def __init__(
+        self, workers: int, modules: Sequence[str] = (), waiting: deque[Task] | None = None
+    ):
         super().__init__()
+        if waiting is not None:
+            self._waiting = waiting
+        self._bound: deque[Task] = deque()  # must run in this process: they cannot be pickled
         self._most = workers
-        self._context = WorkerContext()
+        self._context = WorkerContext(modules)
+        self._context.prepare()
         self._workers: list[_Worker] = []
         self._failed_starts = 0
         self._clock = AwakeClock()
@@ -59,8 +70,12 @@ class IsolatedExecutor(TolerantExecutor):
         """Yield each task as it ends."""
         while True:
             self._hand_out()
+            while self._bound:
+                yield self._bound.popleft().settle()
             busy = [one for one in self._workers if one.task is not None]
             if not busy:
+                if self._waiting:
+                    continue
                 return
             ready = wait([one.connection for one in busy], LOOK)
             now = self._clock()
@@ -100,8 +115,12 @@ class IsolatedExecutor(TolerantExecutor):
         return _Worker(process, ours)
 
     def _send(self, worker: _Worker, task: Task) -> None:
+        try:
+            content = pickle.dumps((task.function, task.arguments))
+        except Exception:  # the type of the error depends on the object that cannot be pickled
+            self._bound.append(task)
+            return
         worker.task, worker.step, worker.since = task, None, self._clock()
-        content = pickle.dumps((task.function, task.arguments))
         with suppress(OSError):  # it has died; `_receive` will find its connection closed
             worker.connection.send_bytes(content)
 

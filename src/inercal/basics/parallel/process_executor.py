@@ -1,195 +1,89 @@
-"""An executor that uses this process, and starts other processes if the work is long enough.
+"""An executor that uses this process, and then other processes if the work is long enough.
 
-The first tasks run here and show how long a task takes. Other processes start if the waiting tasks
-would take long, or immediately if the user states their number. This process also computes tasks,
-both before the others are ready and afterwards.
+The first tasks run here and show how long a task takes. If the waiting tasks would take long, other
+processes compute them; this process continues until the others are ready. If the user states the
+number of processes, they compute all tasks.
 """
 
-import pickle
-from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from functools import partial
-from importlib import import_module
-from queue import Empty, SimpleQueue
-from threading import Semaphore
+from collections.abc import Iterator, Sequence
+from math import inf
 from time import perf_counter
-from typing import Any, Self
+from typing import Any
 
-from inercal.basics.parallel.executor import Executor, Settled, Task, WorkerLost
-from inercal.basics.parallel.worker_process import WorkerContext
+from inercal.basics.parallel.executor import Executor, WorkerLost
+from inercal.basics.parallel.isolated_executor import IsolatedExecutor
 
-# A new process spends about 1 s on imports. Two processes halve the computing time, so for less
-# than 2 s of work they would cost more than they save.
+# The server of the processes spends about 1 s on imports. Two processes halve the computing time,
+# so for less than 2 s of work they would cost more than they save. Each further process costs a
+# tenth of a second, and needs half of this work.
 LEAST_WORK = 2.0  # s
 # The first task may spend half a second loading compiled kernels, so its time would make the work
 # seem longer than it is.
 _FIRST_SEEMS_LONGER = 3.0
-# On Windows, Ctrl-C would not interrupt a wait without a time limit.
-_WAIT = 0.2  # s
+_MOMENT = 1e-9  # s, to divide by
 
 
 class ProcessExecutor(Executor):
-    """Executor that runs tasks in this process and in others.
+    """Executor that runs tasks in this process, or in others if they repay it.
 
     Parameters
     ----------
     workers : int
-        Number of computing processes including this one; 2 or more.
+        Largest number of other processes; 2 or more.
     least_work : float, optional
-        Other processes are started if the waiting tasks would take at least this time, s.
+        Two processes start if the waiting tasks would take at least this time, s, and further ones
+        if each has half of it to do.
     at_once : bool, optional
-        Whether the processes start when the `with` block begins, while this process prepares the
+        Whether other processes compute all tasks. They get ready while this process prepares the
         tasks.
+    modules : sequence of str, optional
+        Modules that the server of the other processes loads.
     """
 
-    def __init__(self, workers: int, least_work: float = LEAST_WORK, at_once: bool = False):
-        super().__init__()  # the pool's thread also takes waiting tasks from it
-        self._workers, self._least_work, self._at_once = workers, least_work, at_once
-        self._bound: deque[Task] = deque()  # must run in this process: they cannot be pickled
-        self._outcomes: SimpleQueue[Settled] = SimpleQueue()
-        self._open: set[int] = set()  # submitted but not yet yielded
-        self._task_seconds: float | None = None  # duration of one task, if known
-        self._done_here = 0
-        self._context = WorkerContext()
-        self._pool: ProcessPoolExecutor | None = None
-        # The pool holds one task more than it has processes, so a process that finishes can
-        # continue while this process is busy.
-        others = workers - 1
-        self._places = Semaphore(others + 1)
-        self._failure: Settled | None = None
-
-    def __enter__(self) -> Self:
-        """Start the other processes if they should start immediately."""
-        if self._at_once:
-            self._start(self._workers - 1)
-        return self
-
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
-        """Accept a task and return its index."""
-        self._open.add(self._count)
-        return super().submit(function, *arguments)
+    def __init__(
+        self,
+        workers: int,
+        least_work: float = LEAST_WORK,
+        at_once: bool = False,
+        modules: Sequence[str] = (),
+    ):
+        super().__init__()
+        self._workers, self._share, self._modules = workers, least_work / 2, modules
+        self._others: IsolatedExecutor | None = None
+        self._ready = inf  # time on the clock at which the others take over
+        self._first_here = True
+        if at_once:
+            self._open_others(workers)
+            self._ready = -inf
 
     def completed(self) -> Iterator[tuple[int, Any]]:
         """Yield index and result of each task as it finishes."""
-        while self._open:
-            if self._pool is None and self._is_long_work():
-                self._start(min(self._workers - 1, len(self._waiting)))
-            if self._pool is not None:
-                self._feed(self._pool)
-            outcome = self._next_outcome()
-            if outcome is None or outcome.index not in self._open:
-                continue
-            self._open.remove(outcome.index)
-            if outcome.error is None:
-                yield outcome.index, outcome.result
-            else:
-                self._fail(outcome)
-        if self._failure is not None and self._failure.error is not None:
-            raise self._failure.error
+        while self._waiting and perf_counter() < self._ready:
+            task, begin = self._waiting.popleft(), perf_counter()
+            result = task()
+            seconds = perf_counter() - begin
+            if self._others is None:
+                each = seconds / (_FIRST_SEEMS_LONGER if self._first_here else 1.0)
+                self._first_here = False
+                repaid = int(each * len(self._waiting) / max(self._share, _MOMENT))
+                if (number := min(self._workers, len(self._waiting), repaid)) > 1:
+                    self._open_others(number)
+            yield task.index, result
+        if self._others is not None and self._waiting:
+            try:
+                yield from self._others.completed()
+            except WorkerLost as lost:
+                raise WorkerLost(
+                    "a worker process was killed, perhaps because memory ran out; try fewer "
+                    "workers, such as --workers 1"
+                ) from lost
 
     def close(self) -> None:
         """Terminate the other processes."""
         self._waiting.clear()
-        self._bound.clear()
-        self._open.clear()
-        if self._pool is not None:
-            # The processes are terminated and not asked to stop, because a task may take minutes.
-            # Idle processes lose nothing by this.
-            self._context.terminate()
-            self._pool.shutdown(wait=True)
+        if self._others is not None:
+            self._others.close()
 
-    def _start(self, others: int) -> None:
-        self._pool = ProcessPoolExecutor(others, mp_context=self._context)
-        for _ in range(others):
-            # A task starts each process; this one imports the module that takes longest to load.
-            self._pool.submit(import_module, "numba")
-
-    def _is_long_work(self) -> bool:
-        if self._task_seconds is None:
-            return False
-        return self._task_seconds * len(self._waiting) >= self._least_work
-
-    def _next_outcome(self) -> Settled | None:
-        """Return an outcome from another process, or else the result of a task computed here."""
-        try:
-            return self._outcomes.get_nowait()
-        except Empty:
-            pass
-        for tasks in (self._bound, self._waiting):
-            try:
-                return self._run_here(tasks.popleft())
-            except IndexError:
-                continue
-        try:
-            return self._outcomes.get(timeout=_WAIT)
-        except Empty:
-            return None
-
-    def _run_here(self, task: Task) -> Settled:
-        begin = perf_counter()
-        try:
-            outcome = Settled(task.index, task(), None)
-        except Exception as error:
-            return Settled(task.index, None, error)
-        seconds = perf_counter() - begin
-        self._done_here += 1
-        self._task_seconds = seconds / (_FIRST_SEEMS_LONGER if self._done_here == 1 else 1.0)
-        return outcome
-
-    def _feed(self, pool: ProcessPoolExecutor) -> None:
-        """Hand tasks to the pool while it has room; the pool's thread also calls this."""
-        while self._places.acquire(blocking=False):
-            if (portable := self._next_portable()) is None:
-                self._places.release()
-                return
-            index, content = portable
-            try:
-                future = pool.submit(_run_pickled, content)
-            except RuntimeError as error:  # the pool is broken or closed
-                self._outcomes.put(Settled(index, None, error))
-                return
-            future.add_done_callback(partial(self._receive, pool, index))
-
-    def _next_portable(self) -> tuple[int, bytes] | None:
-        """Return the index and content of the next task that can be pickled."""
-        while True:
-            try:
-                task = self._waiting.popleft()
-            except IndexError:
-                return None
-            try:
-                return task.index, pickle.dumps((task.function, task.arguments))
-            except Exception:  # the type of the error depends on the object that cannot be pickled
-                self._bound.append(task)
-
-    def _receive(self, pool: ProcessPoolExecutor, index: int, future: Future[Any]) -> None:
-        """Store a result and hand over the next task; the pool's thread calls this."""
-        error = future.exception()
-        if not isinstance(error, BrokenProcessPool):
-            self._places.release()
-            self._feed(pool)
-        self._outcomes.put(Settled(index, None if error else future.result(), error))
-
-    def _fail(self, failed: Settled) -> None:
-        """Store a failure and drop later tasks; earlier tasks may still fail first."""
-        if isinstance(failed.error, BrokenProcessPool):
-            raise WorkerLost(
-                "a worker process was killed, perhaps because memory ran out; try fewer "
-                "workers, such as --workers 1"
-            ) from failed.error
-        self._failure = failed
-        self._open = {index for index in self._open if index < failed.index}
-        for _ in range(len(self._waiting)):
-            try:
-                task = self._waiting.popleft()
-            except IndexError:
-                break
-            if task.index < failed.index:
-                self._waiting.append(task)
-
-
-def _run_pickled(content: bytes) -> Any:
-    function, arguments = pickle.loads(content)
-    return function(*arguments)
+    def _open_others(self, number: int) -> None:
+        self._others = IsolatedExecutor(number, self._modules, self._waiting)
+        self._ready = perf_counter() + self._share  # its server loads modules meanwhile

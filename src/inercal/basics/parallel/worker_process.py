@@ -1,29 +1,44 @@
-"""Worker processes: single-threaded, unaffected by Ctrl-C, and ended with their parent."""
+"""Worker processes: single-threaded, unaffected by Ctrl-C, and ended with their parent.
 
+On Linux a server process loads the modules of the work once, and each worker is a copy of this
+server (a fork). A fork is only safe in a process without other threads, so the server does nothing
+else. Elsewhere each worker loads the modules itself, because macOS does not allow such copies.
+"""
+
+import gc
 import os
 import signal
 import sys
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager, nullcontext
 from multiprocessing import parent_process
 from multiprocessing.connection import wait
-from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.forkserver import ensure_running
+from tempfile import gettempdir
 from threading import Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from inercal.basics.process_settings import prepare_process
 
-# There are as many processes as cores, so more linear-algebra threads would only wait for each
-# other.
-_THREAD_VARIABLES = (
-    "OPENBLAS_NUM_THREADS",
-    "OMP_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-    "NUMBA_NUM_THREADS",
-)
+# The server listens at a path in this folder, and the system limits such paths to 108 bytes.
+_HAS_SERVER = sys.platform == "linux" and len(os.fsencode(gettempdir())) < 64
+if TYPE_CHECKING or not _HAS_SERVER:
+    from multiprocessing.context import SpawnContext as _Context
+    from multiprocessing.context import SpawnProcess as _Process
+else:
+    from multiprocessing.context import ForkServerContext as _Context
+    from multiprocessing.context import ForkServerProcess as _Process
+
+_SETTINGS = dict.fromkeys(
+    # There are as many processes as cores, so more linear-algebra threads would only wait for each
+    # other. The server must not load modules from the working folder.
+    ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS",
+     "PYTHONSAFEPATH"),
+    "1",
+)  # fmt: skip
 
 
-class WorkerProcess(SpawnProcess):
+class WorkerProcess(_Process):
     """A process that ignores Ctrl-C, and ends on `terminate` or with its parent.
 
     A terminal sends the interrupt to all processes of a command. Only the parent handles it,
@@ -32,28 +47,43 @@ class WorkerProcess(SpawnProcess):
 
     def start(self) -> None:
         """Start the process with the interrupt blocked from its first instruction."""
-        with _interrupt_blocked(), _one_thread():
+        with nullcontext() if _HAS_SERVER else _prepared():  # its server is prepared
             super().start()
 
     def run(self) -> None:
         """Compute tasks until the parent ends."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # on systems where signals cannot be blocked
         prepare_process()
+        gc.freeze()  # a search for cycles would write to the memory shared with the server
         Thread(target=_end_with_parent, daemon=True).start()
         super().run()
 
 
-class WorkerContext(SpawnContext):
-    """A multiprocessing context that starts worker processes and can terminate all of them."""
+class WorkerContext(_Context):
+    """A multiprocessing context that starts worker processes and can terminate all of them.
 
-    def __init__(self):
+    Parameters
+    ----------
+    modules : sequence of str
+        Modules that the first server of this program loads for its workers.
+    """
+
+    def __init__(self, modules: Sequence[str] = ()):
         super().__init__()
+        self.set_forkserver_preload([*modules])
         self.started: list[WorkerProcess] = []
+
+    def prepare(self) -> None:
+        """Start the server without waiting for it, so that it loads its modules meanwhile."""
+        if _HAS_SERVER:
+            with _prepared():
+                ensure_running()
 
     def Process(  # pyright: ignore[reportIncompatibleVariableOverride]
         self, *args: Any, **options: Any
     ) -> WorkerProcess:
         """Return a worker process that has not been started."""
+        self.prepare()
         process = WorkerProcess(*args, **options)
         self.started.append(process)
         return process
@@ -87,12 +117,13 @@ def _interrupt_blocked() -> Generator[None]:
 
 
 @contextmanager
-def _one_thread() -> Generator[None]:
-    """Limit processes started in the block to one thread, unless the user set a number."""
-    added = [name for name in _THREAD_VARIABLES if name not in os.environ]
-    os.environ.update(dict.fromkeys(added, "1"))
+def _prepared() -> Generator[None]:
+    """Block the interrupt and apply `_SETTINGS`, unless the user set them, for a new process."""
+    added = {name: text for name, text in _SETTINGS.items() if name not in os.environ}
+    os.environ.update(added)
     try:
-        yield
+        with _interrupt_blocked():
+            yield
     finally:
         for name in added:
             del os.environ[name]

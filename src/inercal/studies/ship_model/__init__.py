@@ -37,7 +37,8 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
         equation_rank.damped_section(found),
     ]
     say(f"global searches of {searches} devices")
-    searched = list(islice(results, searches))
+    of_searches = list(islice(results, searches * len(optimiser.BOUNDS)))
+    searched = optimiser.compare_searches(case, seed, of_searches)
     sections.append(optimiser.section(searched))
     reached = optimiser.median_of_few([one.vector_error["default"] / 1e-3 for one in searched])
     sections.append(estimators.section(found, reached, searches))

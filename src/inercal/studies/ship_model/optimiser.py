@@ -41,25 +41,38 @@ class OptimiserComparison(NamedTuple):
 
 
 def search_calls(case: simulated.ShipModelCase, devices: int, seed: int) -> list[Call]:
-    """Return the calls that compare the searches on the first devices, one per device."""
-    # Each search has its own seed, because the null directions are random.
+    """Return the calls that search for the first devices, one for each device and bounds."""
+    # Each device has its own seed, because the null directions are random.
     return [
-        partial(_search_device, case.single_device(k), seed, 1000 * seed + k)
+        partial(
+            search,
+            case.readings[k, case.group_rows],
+            case.squared_norm,
+            SearchOptions(bounds, 1000 * seed + k, _SECONDS),
+            generations=_GENERATIONS,
+        )
         for k in range(devices)
+        for bounds in BOUNDS.values()
     ]
 
 
-def _search_device(case: simulated.ShipModelCase, seed: int, chance: int) -> OptimiserComparison:
-    a, poses = case.readings[case.group_rows], simulated.random_pose_forces(seed)
-    start = fit_level_states(case.readings[case.level_rows], case.nominal[case.level_rows]).model
-    done = damped_solution(a, case.squared_norm, start)
-    found = {
-        name: search(
-            a, case.squared_norm, SearchOptions(bounds, chance, _SECONDS), generations=_GENERATIONS
-        )
-        for name, bounds in BOUNDS.items()
-    }
+def compare_searches(
+    case: simulated.ShipModelCase, seed: int, results: Sequence[SearchResult]
+) -> list[OptimiserComparison]:
+    """Return the comparisons of the first devices from the results of the calls."""
+    by_device = (results[k : k + len(BOUNDS)] for k in range(0, len(results), len(BOUNDS)))
+    return [
+        _compare(case.single_device(k), seed, dict(zip(BOUNDS, found, strict=True)))
+        for k, found in enumerate(by_device)
+    ]
 
+
+def _compare(
+    case: simulated.ShipModelCase, seed: int, found: dict[str, SearchResult]
+) -> OptimiserComparison:
+    poses = simulated.random_pose_forces(seed)
+    start = fit_level_states(case.readings[case.level_rows], case.nominal[case.level_rows]).model
+    done = damped_solution(case.readings[case.group_rows], case.squared_norm, start)
     force = np.linalg.norm(poses, axis=-1)
 
     def off(model: AffineModel) -> float:
