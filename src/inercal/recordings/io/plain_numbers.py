@@ -1,10 +1,9 @@
 """Fast parsing of plain text with pyarrow, if the result equals that of NumPy's parser.
 
-A file is plain if, below its header, it contains only digits, signs, exponents, decimal points,
-separators, spaces and line ends. If columns of words are wanted, it must contain no quotation mark,
-comment or bracket. Both parsers round correctly, so the numbers are equal to the last bit. What
-pyarrow refuses, such as an empty cell or a row of another length, is left to the tolerant parser,
-which fills the cell or names its line.
+A file is plain if, below its header, it contains no quotation mark, comment or bracket, and if all
+wanted numbers are finite. Both parsers round correctly, so the numbers are equal to the last bit.
+What pyarrow refuses, such as an empty cell or a row of another length, is left to the tolerant
+parser, which fills the cell or names its line.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -22,8 +21,7 @@ from inercal.recordings.io.column_table import Array, label_array, shorten
 from inercal.recordings.io.text_layout import TextLayout
 
 SMALLEST = 1 << 22  # bytes; for smaller files, importing pyarrow takes longer than it saves
-_BLOCK = 1 << 17  # bytes parsed at a time; pyarrow reads ahead 32 of these blocks
-_NUMBER_BYTES = b"0123456789+-.eE \r\n"
+_BLOCK = 1 << 20  # bytes parsed at a time; pyarrow reads ahead 32 of these blocks
 
 
 class _NotPlainError(ValueError):
@@ -63,15 +61,21 @@ def _load(
     for batch in _batches(path, layout, places, words):
         rows = int(batch.num_rows)
         for name, place in places.items():
-            # `to_numpy` would import pandas where it is installed.
-            place[n : n + rows] = np.from_dlpack(batch.column(name))
-            if words and not np.isfinite(place[n : n + rows]).all():
-                raise _NotPlainError
+            place[n : n + rows] = _numbers(batch, name)
         for k, part in parts.items():
             cells = [cell.strip() for cell in batch.column(str(k)).to_pylist()]
             part.append(label_array(cells, layout.names[k], path.name))
         n += rows
     return {k: np.concatenate(part) for k, part in parts.items()}, n
+
+
+def _numbers(batch: Any, name: str) -> Array:
+    """Return a column of numbers; raise `_NotPlainError` for words such as "nan"."""
+    # `to_numpy` would import pandas where it is installed.
+    column = np.asarray(np.from_dlpack(batch.column(name)), np.float64)
+    if not np.isfinite(column).all():
+        raise _NotPlainError
+    return column
 
 
 def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[str]) -> Iterator[Array]:
@@ -85,8 +89,7 @@ def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[str]) -> Iter
     names = [str(layout.names.index(name)) for name in columns]
     try:
         for batch in _batches(path, layout, names, ()):
-            found = [np.asarray(np.from_dlpack(batch.column(name)), np.float64) for name in names]
-            yield np.stack(found, axis=1)
+            yield np.stack([_numbers(batch, name) for name in names], axis=1)
     except ValueError as error:
         reason = "" if isinstance(error, _NotPlainError) else f" ({shorten(str(error), 120)})"
         raise InputError(
@@ -108,7 +111,7 @@ def _batches(
     with path.open("rb", buffering=0) as file:
         _skip_lines(file, layout.first_line - 1)
         yield from csv.open_csv(
-            _PlainBytes(file, layout, bool(words)),
+            _PlainBytes(file, layout),
             read_options=csv.ReadOptions(
                 use_threads=False,
                 block_size=_BLOCK,
@@ -143,13 +146,10 @@ class _PlainBytes(RawIOBase):
     ----------
     file : RawIOBase
     layout : TextLayout
-    words : bool
-        Whether columns of words are wanted.
     """
 
-    def __init__(self, file: RawIOBase, layout: TextLayout, words: bool):
-        self._file, self._words = file, words
-        self._number_bytes = _NUMBER_BYTES + (layout.delimiter or "").encode()
+    def __init__(self, file: RawIOBase, layout: TextLayout):
+        self._file = file
         self._suspect = (b'"', b"(", b"\0", layout.comment.encode())
 
     def readable(self) -> bool:
@@ -165,10 +165,6 @@ class _PlainBytes(RawIOBase):
             The bytes are not plain.
         """
         block = self._file.read(size) or b""
-        if self._words:
-            odd = any(some in block for some in self._suspect)
-        else:
-            odd = bool(block.translate(None, self._number_bytes))
-        if odd:
+        if any(some in block for some in self._suspect):
             raise _NotPlainError
         return block
