@@ -3,35 +3,36 @@
 Figures are embedded as SVG. Their colours follow the reader's light or dark scheme.
 """
 
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import require_extra, require_installed
+from inercal.basics.process_settings import is_own_process
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration import Calibration
-from inercal.calibration.prediction import Prediction
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.sensors import Sensor
 from inercal.pipeline import Outcome
-from inercal.pipeline.budget import Budget
-from inercal.pipeline.design.worksheet import Worksheet
-from inercal.pipeline.drafts import Draft
 from inercal.pipeline.outcome import InspectedRecording
 from inercal.recordings import Recording
 
 if TYPE_CHECKING:  # imported when needed: reports need no register, and few need noise
     from matplotlib.axes import Axes
 
+    from inercal.calibration.prediction import Prediction
     from inercal.laboratory.check_standard import ControlCharts
     from inercal.laboratory.check_standard.bench_charts import BenchCharts
     from inercal.laboratory.store import CalibrationEntry, NoiseEntry, SensorEntry, SensorHistory
     from inercal.laboratory.store.recalibration import Recalibration
     from inercal.noise import NoiseAnalysis
     from inercal.noise.data_sheet import DataSheetNoise
+    from inercal.pipeline.budget import Budget
+    from inercal.pipeline.design.worksheet import Worksheet
+    from inercal.pipeline.drafts import Draft
 
 
 def write_report(
@@ -62,7 +63,7 @@ def write_report(
     InputError
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
-    with _extras():
+    with _extras(), _quick_plots():
         from inercal.report.calibration_page import calibration_page
     return write_text(path, calibration_page(outcome, truth, history, for_customer=for_customer))
 
@@ -234,7 +235,7 @@ def write_bench_control(
     return write_text(path, bench_control_page(charts, doubtful))
 
 
-def write_draft(draft: Draft, path: str | Path) -> Path:
+def write_draft(draft: "Draft", path: str | Path) -> Path:
     """Write the page about a drafted run file, and return its path.
 
     The file is written completely or not at all.
@@ -283,7 +284,7 @@ def write_noise(
     return write_text(path, noise_page(analysis, recording, sheet))
 
 
-def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
+def write_budget(budget: "Budget", path: str | Path, under: str = "") -> Path:
     """Write the page with an error budget, and return its path.
 
     The file is written completely or not at all.
@@ -306,7 +307,7 @@ def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
 
 
 def write_prediction(
-    calibration: Calibration, found: Prediction, name: str, path: str | Path
+    calibration: Calibration, found: "Prediction", name: str, path: str | Path
 ) -> Path:
     """Write the page about operating points of which one part varies, and return its path.
 
@@ -331,7 +332,7 @@ def write_prediction(
     return write_text(path, prediction_page(calibration, found, name))
 
 
-def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
+def write_worksheet(sheet: "Worksheet", path: str | Path, table: str) -> Path:
     """Write the page with a worksheet, and return its path.
 
     The file is written completely or not at all.
@@ -376,6 +377,20 @@ _EXTRA = ("report", "reports need matplotlib and jinja2", ("matplotlib", "jinja2
 
 def _extras() -> AbstractContextManager[None]:
     return require_extra(*_EXTRA)
+
+
+@contextmanager
+def _quick_plots() -> Generator[None]:
+    """In the program, import matplotlib without texts about artists, a quarter of the time."""
+    from matplotlib import artist
+
+    document = artist.kwdoc
+    if is_own_process():
+        artist.kwdoc = lambda artist: ""
+    try:
+        yield
+    finally:
+        artist.kwdoc = document
 
 
 def require_report_packages() -> None:
