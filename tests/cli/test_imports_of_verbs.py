@@ -15,7 +15,7 @@ OTHER_VERBS = (
     "inercal.cli.noise_command",
     "inercal.cli.init_command",
 )
-NEEDLESS = ("numpy.f2py", "numpy.testing", "sqlite3", "rich.status", "inercal.pipeline.drafts")
+NEEDLESS = ("numpy.f2py", "numpy.testing", "numpy.random", "sqlite3", "rich.status")
 NOWHERE = ("pint", "pandas", "h5py")
 OTHER_METHODS = tuple(
     f"inercal.methods.{name}"
