@@ -17,13 +17,10 @@ _LOADED_OBJECTS = 500_000  # before the first search: the libraries of a verb ar
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _RETURNED_FROM = 2**30  # bytes of an array from which its memory is returned
 _RETURNED_BEYOND = 2**31 - 1  # free bytes at the end of the heap from which they are returned
-_prepared = False
 
 
 def prepare_process() -> None:
     """Keep freed array memory for later arrays, and run the garbage collector less often."""
-    global _prepared
-    _prepared = True
     gc.set_threshold(_LOADED_OBJECTS)
     gc.callbacks.append(_search_more_often)
     # When a process ends, the system frees its memory. Searching all objects of the libraries for
@@ -32,11 +29,6 @@ def prepare_process() -> None:
     if sys.platform == "linux" and hasattr(library := ctypes.CDLL(None), "mallopt"):
         library.mallopt(_MMAP_THRESHOLD, _RETURNED_FROM)
         library.mallopt(_TRIM_THRESHOLD, _RETURNED_BEYOND)
-
-
-def is_own_process() -> bool:
-    """Return whether `prepare_process` was called, so that no other program runs here."""
-    return _prepared
 
 
 def _search_more_often(phase: str, _: dict[str, int]) -> None:

@@ -54,9 +54,6 @@ class _Verbs(TyperGroup):
         super().__init__(**attributes)
         self.commands = _Commands(dict.fromkeys((*_VERBS.split(), *_GROUPS)) | self.commands)
 
-    def list_commands(self, ctx: Any) -> list[str]:
-        return list(self.commands)
-
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)

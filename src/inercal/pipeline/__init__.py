@@ -9,24 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from inercal.basics.blas_threads import with_one_thread
-from inercal.basics.lazy_names import lazy_names
 from inercal.pipeline.correction import apply, load_recording
 from inercal.pipeline.outcome import Outcome
 from inercal.pipeline.run_arguments import drafted_run, stated_run
 from inercal.pipeline.run_calibration import calibrate_run
+from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
 from inercal.runfile import Run, read
 
 if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.norm_equations import Generation
-    from inercal.pipeline.run_simulation import (
-        apply_data_columns,
-        read_out,
-        simulate,
-        simulate_files,
-    )
-
-_SIMULATION = ("apply_data_columns", "read_out", "simulate", "simulate_files")
-__getattr__ = lazy_names(__name__, dict.fromkeys(_SIMULATION, "run_simulation"))
 
 
 @with_one_thread

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from inercal.calibration.specification import Specification
     from inercal.estimation import Gaussian
     from inercal.methods.ship_multi_angle.norm_equations import Generation, SearchOptions
-    from inercal.methods.turntable_kalman.filter_config import (
-        FilterConfig,
-    )  # imported here because it loads kernels
+
+    # Imported here because it loads kernels.
+    from inercal.methods.turntable_kalman.filter_config import FilterConfig
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

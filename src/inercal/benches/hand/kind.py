@@ -10,6 +10,7 @@ import numpy as np
 from inercal.benches.contract import SensorSimulation
 from inercal.benches.hand.bench import Hand
 from inercal.benches.hand.magnetic_field import stated_dip, stated_field
+from inercal.benches.hand.sheet import sheet
 from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.kind_definition import Effect, Kind
@@ -27,7 +28,6 @@ from inercal.recordings import Recording
 from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
 
 if TYPE_CHECKING:
-    from inercal.benches.operator_sheet import Sheet
     from inercal.recordings.segments import RestDetection
 
 
@@ -126,13 +126,6 @@ def _rests(run: RunBase[RestsSection], recording: Recording) -> "RestDetection":
     return refused_recording_rests(run, recording)
 
 
-def _sheet(run: RunBase[RestsSection]) -> "Sheet":
-    """Return the worksheet."""
-    from inercal.benches.hand.sheet import sheet
-
-    return sheet(run)
-
-
 def simulate(
     bench: Hand,
     steps: Sequence[HandStep],
@@ -164,7 +157,7 @@ KIND = Kind(
         Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), affects_rates=True),
     ),
     audit=_audit,
-    sheet=_sheet,
+    sheet=sheet,
     rests=_rests,
     sensor=any_axes,
     directions=directions,
