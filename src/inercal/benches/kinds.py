@@ -9,9 +9,7 @@ from inercal.benches.kind_definition import Kind
 
 _OWN = ("hand", "centrifuge", "dividing_head", "rate_table", "rate_platform", "turntable")
 KINDS: Registry[Kind[Any, Any]] = Registry(
-    "inercal.benches",
-    "kind of bench",
-    {name: f"inercal.benches.{name}.kind:KIND" for name in _OWN},
+    "inercal.benches", "kind of bench", {name: f"inercal.benches.{name}.kind:KIND" for name in _OWN}
 )
 
 
