@@ -381,7 +381,7 @@ def _extras() -> AbstractContextManager[None]:
 
 
 def _leave_out_documentation() -> None:
-    """In the program, skip matplotlib's texts about artists, a quarter of the time of its import."""
+    """In the program, skip matplotlib's texts about artists, a quarter of its import."""
     if "inercal.cli.app" in sys.modules:
         from matplotlib import artist
 

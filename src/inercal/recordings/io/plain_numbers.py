@@ -21,7 +21,7 @@ from inercal.recordings.io.column_table import Array, label_array, shorten
 from inercal.recordings.io.text_layout import TextLayout
 
 SMALLEST = 1 << 22  # bytes; for smaller files, importing pyarrow takes longer than it saves
-_BLOCK = 1 << 20  # bytes parsed at a time; pyarrow reads ahead 32 of these blocks
+_BLOCK = 1 << 17  # bytes parsed at a time; pyarrow reads ahead 32 of these blocks
 
 
 class _NotPlainError(ValueError):
