@@ -1,9 +1,10 @@
 """Fast parsing of plain text with pyarrow, if the result equals that of NumPy's parser.
 
-A file is plain if, below its header, it contains no quotation mark, comment or bracket, and if all
-wanted numbers are finite. Both parsers round correctly, so the numbers are equal to the last bit.
-What pyarrow refuses, such as an empty cell or a row of another length, is left to the tolerant
-parser, which fills the cell or names its line.
+A file is plain if, below its header, it contains only digits, signs, exponents, decimal points,
+separators, spaces and line ends. If columns of words are wanted, it must contain no quotation mark,
+comment or bracket. Both parsers round correctly, so the numbers are equal to the last bit. What
+pyarrow refuses, such as an empty cell or a row of another length, is left to the tolerant parser,
+which fills the cell or names its line.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -22,6 +23,7 @@ from inercal.recordings.io.text_layout import TextLayout
 
 SMALLEST = 1 << 22  # bytes; for smaller files, importing pyarrow takes longer than it saves
 _BLOCK = 1 << 17  # bytes parsed at a time; pyarrow reads ahead 32 of these blocks
+_NUMBER_BYTES = b"0123456789+-.eE \r\n"
 
 
 class _NotPlainError(ValueError):
@@ -61,21 +63,15 @@ def _load(
     for batch in _batches(path, layout, places, words):
         rows = int(batch.num_rows)
         for name, place in places.items():
-            place[n : n + rows] = _numbers(batch, name)
+            # `to_numpy` would import pandas where it is installed.
+            place[n : n + rows] = np.from_dlpack(batch.column(name))
+            if words and not np.isfinite(place[n : n + rows]).all():
+                raise _NotPlainError
         for k, part in parts.items():
             cells = [cell.strip() for cell in batch.column(str(k)).to_pylist()]
             part.append(label_array(cells, layout.names[k], path.name))
         n += rows
     return {k: np.concatenate(part) for k, part in parts.items()}, n
-
-
-def _numbers(batch: Any, name: str) -> Array:
-    """Return a column of numbers; raise `_NotPlainError` for words such as "nan"."""
-    # `to_numpy` would import pandas where it is installed.
-    column = np.asarray(np.from_dlpack(batch.column(name)), np.float64)
-    if not np.isfinite(column).all():
-        raise _NotPlainError
-    return column
 
 
 def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[str]) -> Iterator[Array]:
@@ -89,7 +85,8 @@ def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[str]) -> Iter
     names = [str(layout.names.index(name)) for name in columns]
     try:
         for batch in _batches(path, layout, names, ()):
-            yield np.stack([_numbers(batch, name) for name in names], axis=1)
+            found = [np.asarray(np.from_dlpack(batch.column(name)), np.float64) for name in names]
+            yield np.stack(found, axis=1)
     except ValueError as error:
         reason = "" if isinstance(error, _NotPlainError) else f" ({shorten(str(error), 120)})"
         raise InputError(
@@ -111,7 +108,7 @@ def _batches(
     with path.open("rb", buffering=0) as file:
         _skip_lines(file, layout.first_line - 1)
         yield from csv.open_csv(
-            _PlainBytes(file, layout),
+            _PlainBytes(file, layout, bool(words)),
             read_options=csv.ReadOptions(
                 use_threads=False,
                 block_size=_BLOCK,
@@ -146,10 +143,13 @@ class _PlainBytes(RawIOBase):
     ----------
     file : RawIOBase
     layout : TextLayout
+    words : bool
+        Whether columns of words are wanted.
     """
 
-    def __init__(self, file: RawIOBase, layout: TextLayout):
-        self._file = file
+    def __init__(self, file: RawIOBase, layout: TextLayout, words: bool):
+        self._file, self._words = file, words
+        self._number_bytes = _NUMBER_BYTES + (layout.delimiter or "").encode()
         self._suspect = (b'"', b"(", b"\0", layout.comment.encode())
 
     def readable(self) -> bool:
@@ -165,6 +165,10 @@ class _PlainBytes(RawIOBase):
             The bytes are not plain.
         """
         block = self._file.read(size) or b""
-        if any(some in block for some in self._suspect):
+        if self._words:
+            odd = any(some in block for some in self._suspect)
+        else:
+            odd = bool(block.translate(None, self._number_bytes))
+        if odd:
             raise _NotPlainError
         return block
