@@ -10,6 +10,12 @@ from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "six_position"
 HEAVY = ("scipy.special", "scipy.optimize", "scipy.ndimage", "numba", "matplotlib", "pyarrow")
+OTHER_VERBS = (
+    "inercal.cli.store_commands",
+    "inercal.cli.noise_command",
+    "inercal.cli.init_command",
+)
+NEEDLESS = ("numpy.f2py", "numpy.testing", "numpy.random", "sqlite3", "rich.status")
 NOWHERE = ("pint", "pandas", "h5py")
 OTHER_METHODS = tuple(
     f"inercal.methods.{name}"
@@ -21,7 +27,7 @@ OTHER_METHODS = tuple(
         "turntable_kalman",
     )
 )
-WATCHED = HEAVY + NOWHERE + OTHER_METHODS
+WATCHED = HEAVY + NOWHERE + OTHER_METHODS + OTHER_VERBS + NEEDLESS
 AFTER_CHECKS = ("scipy", "inercal.estimation.result", "inercal.calibration", "inercal.pipeline")
 
 
@@ -64,12 +70,12 @@ def test_calibrating_six_means_imports_no_compiler_no_optimiser_and_no_plots(
     table: Path, tmp_path: Path
 ):
     options = (table, "--out", tmp_path, "--no-report")
-    assert heavy_imports("calibrate", *options) == {"scipy.special"}
+    assert heavy_imports("calibrate", *options) == set()
 
 
 def test_a_report_of_six_means_adds_the_plots_alone(table: Path, tmp_path: Path):
-    used = {"scipy.special", "matplotlib"}
-    assert heavy_imports("report", table, "--out", tmp_path / "page.html") == used
+    assert heavy_imports("calibrate", table, "--out", tmp_path) == {"matplotlib"}
+    assert heavy_imports("report", table, "--out", tmp_path / "page.html") == {"matplotlib"}
 
 
 def test_a_mistyped_run_file_is_refused_before_anything_heavy_is_imported(table: Path):
@@ -87,5 +93,6 @@ def test_a_mistyped_run_file_is_refused_without_the_estimators(table: Path):
 
 def test_a_simulation_of_six_positions_imports_nothing_heavy(tmp_path: Path):
     recording = tmp_path / "log.csv"
-    assert heavy_imports("simulate", run_file(tmp_path, SIX_POSITIONS), "--out", recording) == set()
+    options = (run_file(tmp_path, SIX_POSITIONS), "--out", recording)
+    assert heavy_imports("simulate", *options) == {"numpy.random"}
     assert recording.is_file()

@@ -5,11 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import f, kstest, norm
+from scipy.stats import chi2 as chi_squared
+from scipy.stats import f, kstest, ncx2, norm
 
 from inercal.estimation import Candidate, Gaussian, Problem, least_squares, score_tests
 from inercal.estimation.candidate_scores import rows_from_products
-from inercal.estimation.scores import chi2_tail_probabilities, chi2_tail_probability
+from inercal.estimation.scores import (
+    _LEVEL_WEIGHTS,  # pyright: ignore[reportPrivateUsage]
+    chi2_tail_probabilities,
+    chi2_tail_probability,
+)
 
 Array = NDArray[np.float64]
 
@@ -152,6 +157,18 @@ def test_products_are_those_of_what_is_left_of_the_columns(rng: np.random.Genera
     expected = np.abs(left.T @ left) / np.outer(lengths, lengths)
     found = [[one.cosine(other) for other in made.scores] for one in made.scores]
     np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("dof", [1, 2, 3, 8, 57, 200, 201, 1000])
+@pytest.mark.parametrize("p", [1 - 1e-9, 0.5, 1e-3, 1e-30, 1e-200])
+def test_the_tail_of_chi2_is_that_of_scipy(dof: int, p: float) -> None:
+    chi2 = float(chi_squared.isf(p, dof))
+    assert chi2_tail_probability(chi2, dof) == pytest.approx(chi_squared.sf(chi2, dof), rel=1e-12)
+
+
+def test_each_number_of_directions_is_missed_as_often_at_six_standard_deviations() -> None:
+    for dof, weight in enumerate(_LEVEL_WEIGHTS, 1):
+        assert weight == pytest.approx(chi_squared.sf(ncx2.ppf(0.05, dof, 36.0), dof), rel=1e-9)
 
 
 def test_a_score_by_noise_that_was_found_is_f(seed: int) -> None:

@@ -36,7 +36,7 @@ Content = TypeVar("Content", bound=BaseModel)
 class Record(BaseModel):
     """A record in a document: its numbers must be finite, and unknown keys are ignored."""
 
-    model_config = ConfigDict(strict=True, extra="ignore", allow_inf_nan=False)
+    model_config = ConfigDict(strict=True, extra="ignore", allow_inf_nan=False, defer_build=True)
 
 
 def _nan_of_null(value: object, number: ValidatorFunctionWrapHandler) -> float:

@@ -124,7 +124,7 @@ class QualifiedParameters:
         return result
 
     def draw(
-        self, declared: Mapping[str, Parameter], rng: np.random.Generator, trials: int
+        self, declared: Mapping[str, Parameter], rng: "np.random.Generator", trials: int
     ) -> dict[str, Array]:
         """Draw the errors of a bench for a simulation: by full name, an array (trials,) each.
 

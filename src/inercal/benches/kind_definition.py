@@ -14,8 +14,6 @@ import numpy as np
 
 from inercal.basics.units import Measured
 from inercal.benches.contract import Bench, SensorSimulation, SimulatedMotion
-from inercal.benches.motion_control import MotionControl
-from inercal.benches.operator_sheet import Sheet
 from inercal.benches.report_data import (
     Columns,
     MeasuredDirection,
@@ -32,13 +30,15 @@ from inercal.recordings import Recording
 from inercal.recordings.data import DataSection, EstimatorInput, RunBase
 
 if TYPE_CHECKING:
+    from inercal.benches.motion_control import MotionControl
+    from inercal.benches.operator_sheet import Sheet
     from inercal.recordings.segments import RestDetection  # the kernels load with the readers
 
 B = TypeVar("B", bound=Bench)
 D = TypeVar("D", bound=DataSection)
 PlanFunction = Callable[[], tuple[Step, ...]]
 Simulate = Callable[
-    [B, Sequence[Any], float, np.random.Generator, int, Sensor, bool], SensorSimulation
+    [B, Sequence[Any], float, "np.random.Generator", int, Sensor, bool], SensorSimulation
 ]
 
 
@@ -121,7 +121,7 @@ def _simulate(
     bench: Any,
     steps: Sequence[Any],
     rate_hz: float,
-    rng: np.random.Generator,
+    rng: "np.random.Generator",
     trials: int,
     sensor: Sensor,
     carried: bool,
@@ -141,7 +141,9 @@ def keep_recording(recording: Recording, sensor: Sensor, bench: Any) -> Recordin
     return recording
 
 
-def no_files(run: RunBase[Any], done: SimulatedMotion, rng: np.random.Generator) -> dict[str, Any]:
+def no_files(
+    run: RunBase[Any], done: SimulatedMotion, rng: "np.random.Generator"
+) -> dict[str, Any]:
     """Return an empty mapping, because the bench writes no further recordings."""
     return {}
 
@@ -244,14 +246,14 @@ class Kind(Generic[B, D]):
     sensor: Callable[..., Sensor] = three_axes
     plan: Callable[[Mapping[str, Any], B, Path, PlanFunction], PlanFunction] = keep_plan
     audit: Callable[[Recording, Sensor, B], Recording] = keep_recording
-    files: Callable[[RunBase[D], SimulatedMotion, np.random.Generator], dict[str, Recording]] = (
+    files: Callable[[RunBase[D], SimulatedMotion, "np.random.Generator"], dict[str, Recording]] = (
         no_files
     )
-    sheet: Callable[[RunBase[D]], Sheet] | None = None
+    sheet: "Callable[[RunBase[D]], Sheet] | None" = None
     rests: "Callable[[RunBase[D], Recording], RestDetection] | None" = None
     directions: Callable[[ReportInput], tuple[MeasuredDirection, ...]] = specific_force_directions
     plots: Callable[[ReportInput], tuple[Plot, ...]] = no_plots
     row: Callable[[Step, ReportInput, int], str] = describe_row
     tables: Callable[[RunBase[D], ReportInput], Mapping[str, Columns]] = no_tables
     fitted: Callable[[Sequence[Any]], Sequence[Any]] = all_steps
-    motion_control: MotionControl | None = None
+    motion_control: "MotionControl | None" = None

@@ -7,20 +7,9 @@ from inercal.basics.registry import Registry
 from inercal.benches.contract import Bench
 from inercal.benches.kind_definition import Kind
 
+_OWN = ("hand", "centrifuge", "dividing_head", "rate_table", "rate_platform", "turntable")
 KINDS: Registry[Kind[Any, Any]] = Registry(
-    "inercal.benches",
-    "kind of bench",
-    {
-        name: f"inercal.benches.{name}.kind:KIND"
-        for name in (
-            "hand",
-            "centrifuge",
-            "dividing_head",
-            "rate_table",
-            "rate_platform",
-            "turntable",
-        )
-    },
+    "inercal.benches", "kind of bench", {name: f"inercal.benches.{name}.kind:KIND" for name in _OWN}
 )
 
 

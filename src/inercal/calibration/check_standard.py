@@ -33,7 +33,7 @@ Time = Annotated[str, AfterValidator(_utc)]
 """ISO 8601, in UTC."""
 
 
-class CheckedDay(BaseModel):
+class CheckedDay(BaseModel, defer_build=True):
     """A day on which the check standard was measured."""
 
     first: Time
@@ -57,16 +57,16 @@ class CheckedDay(BaseModel):
         return "; ".join(parts)
 
 
-class _Sensor(BaseModel):
+class _Sensor(BaseModel, defer_build=True):
     name: str
 
 
-class _Reference(BaseModel):
+class _Reference(BaseModel, defer_build=True):
     days: int
     until: Time
 
 
-class _File(BaseModel):
+class _File(BaseModel, defer_build=True):
     schema_: Literal["inercal/control/1"] = Field(alias="schema")
     sensor: _Sensor
     reference: _Reference

@@ -71,16 +71,16 @@ class NextUseScatter:
         return self.covariance[np.ix_(picks, picks)], self.dof[picks]
 
 
-class _Coefficient(BaseModel):
+class _Coefficient(BaseModel, defer_build=True):
     name: str
     dof: Annotated[float, Field(gt=0)]
 
 
-class _Sensor(BaseModel):
+class _Sensor(BaseModel, defer_build=True):
     name: str
 
 
-class _File(BaseModel):
+class _File(BaseModel, defer_build=True):
     schema_: Literal["inercal/repeatability/1"] = Field(alias="schema")
     sensor: _Sensor
     frame: str

@@ -34,7 +34,7 @@ _Correlation = Annotated[float, Field(ge=-1, le=1)]
 
 
 class _Content(BaseModel):
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, defer_build=True)
 
 
 class CoefficientPrior(_Content):

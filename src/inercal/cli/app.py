@@ -1,17 +1,19 @@
 """The `inercal` program, its list of verbs and its handling of errors.
 
-Each verb imports the modules for its work inside its function, after checking its inputs. Help and
-errors in a run file therefore appear quickly.
+Only the module of the called verb is imported. It imports the modules for its work inside its
+function, after checking its inputs. Help and errors in a run file therefore appear quickly.
 """
 
 import os
 import sys
+from collections import UserDict
 from importlib import import_module
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
+from typer.main import get_group
 
 from inercal.basics.atomic_files import written_files
 from inercal.basics.errors import InercalError
@@ -21,8 +23,36 @@ from inercal.cli.streams import StandardStreams
 _INTERRUPTED = 130  # the exit status, as in a shell
 
 
+# The verb self-check is the function `run` in the module self_check_command, and so on.
+_VERBS = """
+    demo init calibrate show compare plan measure budget noise simulate apply predict repeat prior
+    qualify
+    control export import report bundle reproduce compile self-check
+"""
+_GROUPS = ("bench", "certificate", "fleet", "store")
+
+
+class _Commands(UserDict[str, Any]):
+    """Commands by verb; the module of a verb is imported when its command is first used."""
+
+    def __getitem__(self, verb: str) -> Any:
+        if self.data[verb] is None:
+            single = typer.Typer()
+            if verb in _GROUPS:
+                single.add_typer(import_module(f"inercal.cli.{verb}_commands").app, name=verb)
+            else:
+                module = import_module(f"inercal.cli.{verb.replace('-', '_')}_command")
+                single.command(verb)(module.run)
+            self.data[verb] = get_group(single).commands[verb]
+        return self.data[verb]
+
+
 class _Verbs(TyperGroup):
     """Group of verbs that prints one line when interrupted, while typer would print nothing."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = _Commands(dict.fromkeys((*_VERBS.split(), *_GROUPS)) | self.commands)
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -40,18 +70,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=True,
 )
-# The verb self-check is the function `run` in the module self_check_command, and so on.
-_VERBS = """
-    demo init calibrate show compare plan measure budget noise simulate apply predict repeat prior
-    qualify
-    control export import report bundle reproduce compile self-check
-"""
-_GROUPS = ("bench", "certificate", "fleet", "store")
-for verb in _VERBS.split():
-    module = import_module(f"inercal.cli.{verb.replace('-', '_')}_command")
-    app.command(verb)(module.run)
-for group in _GROUPS:
-    app.add_typer(import_module(f"inercal.cli.{group}_commands").app, name=group)
 
 
 @app.callback(invoke_without_command=True)

@@ -46,8 +46,7 @@ app = typer.Typer(
 
 _Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the files.")]
 _Schema = Annotated[
-    Path | None,
-    typer.Option("--schema", help="The schema file dcc.xsd, to validate the DCC."),
+    Path | None, typer.Option("--schema", help="The schema file dcc.xsd, to validate the DCC.")
 ]
 
 

@@ -29,7 +29,10 @@ _MAX_CELL, _MAX_LINE = 200, 2000  # characters
 
 @contextmanager
 def progress_status(what: str) -> Generator[Callable[[str], None]]:
-    """Show a progress line on standard error, and yield the function that updates it."""
+    """Show a progress line in a terminal on standard error; yield the function that updates it."""
+    if not sys.stderr.isatty():  # rich would start a thread that prints nothing
+        yield lambda text: None
+        return
     from rich.text import Text
 
     from inercal.cli.terminal import terminal

@@ -19,8 +19,7 @@ Explain = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 Strict = Annotated[
-    bool,
-    typer.Option("--strict", help="Exit with status 3 also if the result has reservations."),
+    bool, typer.Option("--strict", help="Exit with status 3 also if the result has reservations.")
 ]
 RegisterOption = Annotated[
     str | None,

@@ -30,8 +30,7 @@ def run(
         help='A point, such as "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"; m is the field.',
     ),
     points: Path | None = typer.Option(
-        None,
-        help="A table of points: columns fx \\[g], …, wx \\[°/s], …, mx \\[µT], …, T \\[°C].",
+        None, help="A table of points: columns fx \\[g], …, wx \\[°/s], …, mx \\[µT], …, T \\[°C]."
     ),
     sweep: str = typer.Option(
         "", help='A part that varies, such as "fx = -1 g … 1 g"; --at states the other parts.'

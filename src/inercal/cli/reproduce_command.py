@@ -29,8 +29,7 @@ def run(
         help="Folder for the page; by default the current one, and no page with --json.",
     ),
     trials: int | None = typer.Option(
-        None,
-        help="Largest number of Monte Carlo trials of a study (default: 4000).",
+        None, help="Largest number of Monte Carlo trials of a study (default: 4000)."
     ),
     seed: int | None = typer.Option(None, help="Seed of the noise of a study (default: 0)."),
     workers: Workers = None,

@@ -5,14 +5,12 @@ freedom are observations + prior rows + gauge rows − parameters. If χ² excee
 or model are worse than stated, and uncertainties are enlarged by the Birge ratio √(χ²/ν) (Birge
 1932, Physical Review 40, 207–227).
 """
-# pyright: reportMissingTypeStubs=false
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 
 from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
@@ -209,7 +207,7 @@ class Estimate:
             return np.array(all(group.spread.excess == 0 for group in self.groups))
         if not self.dof:
             return np.ones(np.shape(self.chi2), dtype=bool)
-        return self.chi2 <= scipy.special.chdtri(self.dof, 1 - _LEVEL)
+        return chi2_tail_probabilities(self.chi2, self.dof) >= 1 - _LEVEL
 
     @property
     def birge(self) -> Array:

@@ -29,7 +29,9 @@ Journal of Educational Psychology 75, 76–81 (weighted Bonferroni).
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
+from math import erfc, exp, pi, sqrt
+from statistics import NormalDist
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -44,8 +46,12 @@ CandidateKind = Literal["coefficient", "bench", "row", "time"]
 SIGNIFICANCE_LEVEL = 0.01  # level of all tests of one estimate together
 SCORE_TEST_SHARE = 0.8  # for score tests; the rest is for χ² and the method's tests
 PARALLEL_COSINE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
-_ETA, _MISSED = 6.0, 0.05  # η at which each candidate is missed with this probability
-_MOST = 6  # most directions counted for the share of the level
+# P(χ² > x) for 1 to 6 directions, where P(χ² < x) is 5 % if the noncentrality is 36 (η = 6).
+_LEVEL_WEIGHTS = (
+    1.3297803019471317e-05, 4.9631608718554e-05, 0.0001228287000059786,
+    0.00024806790713819045, 0.0004409219594254095, 0.0007165562443860348,
+)  # fmt: skip
+_SUMMED_DOF, _SUMMED_CHI2 = 200, 1000.0  # below these, a tail is a short sum and no underflow
 _CONTRADICTION = 6.0  # standard deviations
 _HARDLY_VISIBLE = 1e-3  # visible fraction of an effect, below which it is hardly visible
 _LINEARISATION = 0.05  # relative error of the explained part, a first-order estimate
@@ -69,10 +75,25 @@ def chi2_tail_probabilities(
     if dof <= 0:
         return np.ones(np.shape(chi2))
     if np.isinf(noise_dof):
-        return np.asarray(scipy.special.chdtrc(dof, chi2))
+        few = np.ndim(chi2) == 0 and dof <= _SUMMED_DOF and 0 < chi2 < _SUMMED_CHI2
+        return np.asarray(_chi2_tail(dof, float(chi2)) if few else scipy.special.chdtrc(dof, chi2))
     pooled = channels * noise_dof
     mean = (pooled / (pooled - 2)) * ((noise_dof - 2) / noise_dof) if noise_dof > 2 else 1.0
     return np.asarray(scipy.special.fdtrc(dof, pooled, mean * chi2 / dof))
+
+
+def _chi2_tail(dof: int, chi2: float) -> float:
+    """Return the tail probability of χ² as a finite sum, without the .1 s to import scipy.special.
+
+    Source: Abramowitz and Stegun, 26.4.4 and 26.4.5. All terms are positive.
+    """
+    half, odd = chi2 / 2, dof % 2
+    total = erfc(sqrt(half)) if odd else 0.0
+    term = exp(-half) * (2 * sqrt(half / pi) if odd else 1.0)
+    for k in range(dof // 2):
+        total += term
+        term *= half / (k + 1 + odd / 2)
+    return total
 
 
 def chi2_tail_probability(
@@ -366,17 +387,13 @@ class ScoreTestSet:
     def _scheffe_is_sharper(self) -> bool:
         """Whether the Scheffé test is less strict than Bonferroni for a single direction."""
         level = SCORE_TEST_SHARE * SIGNIFICANCE_LEVEL
-        return bool(
-            scipy.special.chdtri(self.span, level)
-            < scipy.special.chdtri(1, level * _level_weight(1) / self._weights)
-        )
+        single = NormalDist().inv_cdf(level * _level_weight(1) / self._weights / 2) ** 2
+        return chi2_tail_probability(single, self.span) < level
 
 
-@cache
 def _level_weight(dof: int) -> float:
-    """Return the p-value at which an effect with η = 6 is missed with the chosen probability."""
-    dof = min(dof, _MOST)
-    return float(scipy.special.chdtrc(dof, scipy.special.chndtrix(_MISSED, dof, _ETA**2)))
+    """Return the p-value at which an effect with η = 6 is missed with a probability of 5 %."""
+    return _LEVEL_WEIGHTS[min(dof, len(_LEVEL_WEIGHTS)) - 1]
 
 
 NO_SCORE_TESTS = LazyValue(ScoreTestSet)

@@ -78,7 +78,7 @@ def in_chamber(
     environment: Environment,
     rate_hz: float,
     reference: float,
-    rng: np.random.Generator,
+    rng: "np.random.Generator",
 ) -> ChamberRun:
     """Simulate a plan in a chamber, including the waits and the temperatures.
 

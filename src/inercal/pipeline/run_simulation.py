@@ -94,7 +94,7 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
 
 
 def _simulate_run(
-    run: Run, rng: np.random.Generator, seed: int, trials: int | None = None
+    run: Run, rng: "np.random.Generator", seed: int, trials: int | None = None
 ) -> tuple[Recording, SimulatedMotion]:
     if run.rate_hz is None:
         raise InputError(
@@ -230,7 +230,7 @@ def read_out(
     motion: Motion,
     c: np.ndarray,
     rate_hz: float,
-    rng: np.random.Generator,
+    rng: "np.random.Generator",
     drift: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the sensor output in output units, (..., n, m), with noise and saturation.

@@ -32,6 +32,7 @@ from inercal.basics.keys import ObservationName
 from inercal.basics.units import format_number, format_value_and_uncertainty, si_factor
 from inercal.estimation import Estimate
 from inercal.estimation.noise_scale import LEAST_RATIO, LEVEL, noise_scale
+from inercal.estimation.scores import chi2_tail_probability
 from inercal.physics.plan import Rotation, Spin, Step, Turn
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
@@ -83,7 +84,7 @@ def stated_noise_findings(
         (
             ratio
             for ratio, chi2, dof in whole
-            if len(whole) * float(scipy.special.chdtr(dof, chi2)) < LEVEL
+            if len(whole) * (1 - chi2_tail_probability(chi2, dof)) < LEVEL
         ),
         default=1.0,
     )

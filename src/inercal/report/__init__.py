@@ -3,6 +3,7 @@
 Figures are embedded as SVG. Their colours follow the reader's light or dark scheme.
 """
 
+import sys
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from itertools import groupby
@@ -13,25 +14,25 @@ from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import require_extra, require_installed
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration import Calibration
-from inercal.calibration.prediction import Prediction
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.sensors import Sensor
 from inercal.pipeline import Outcome
-from inercal.pipeline.budget import Budget
-from inercal.pipeline.design.worksheet import Worksheet
-from inercal.pipeline.drafts import Draft
 from inercal.pipeline.outcome import InspectedRecording
 from inercal.recordings import Recording
 
 if TYPE_CHECKING:  # imported when needed: reports need no register, and few need noise
     from matplotlib.axes import Axes
 
+    from inercal.calibration.prediction import Prediction
     from inercal.laboratory.check_standard import ControlCharts
     from inercal.laboratory.check_standard.bench_charts import BenchCharts
     from inercal.laboratory.store import CalibrationEntry, NoiseEntry, SensorEntry, SensorHistory
     from inercal.laboratory.store.recalibration import Recalibration
     from inercal.noise import NoiseAnalysis
     from inercal.noise.data_sheet import DataSheetNoise
+    from inercal.pipeline.budget import Budget
+    from inercal.pipeline.design.worksheet import Worksheet
+    from inercal.pipeline.drafts import Draft
 
 
 def write_report(
@@ -63,6 +64,7 @@ def write_report(
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
     with _extras():
+        _leave_out_documentation()
         from inercal.report.calibration_page import calibration_page
     return write_text(path, calibration_page(outcome, truth, history, for_customer=for_customer))
 
@@ -234,7 +236,7 @@ def write_bench_control(
     return write_text(path, bench_control_page(charts, doubtful))
 
 
-def write_draft(draft: Draft, path: str | Path) -> Path:
+def write_draft(draft: "Draft", path: str | Path) -> Path:
     """Write the page about a drafted run file, and return its path.
 
     The file is written completely or not at all.
@@ -283,7 +285,7 @@ def write_noise(
     return write_text(path, noise_page(analysis, recording, sheet))
 
 
-def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
+def write_budget(budget: "Budget", path: str | Path, under: str = "") -> Path:
     """Write the page with an error budget, and return its path.
 
     The file is written completely or not at all.
@@ -306,7 +308,7 @@ def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
 
 
 def write_prediction(
-    calibration: Calibration, found: Prediction, name: str, path: str | Path
+    calibration: Calibration, found: "Prediction", name: str, path: str | Path
 ) -> Path:
     """Write the page about operating points of which one part varies, and return its path.
 
@@ -331,7 +333,7 @@ def write_prediction(
     return write_text(path, prediction_page(calibration, found, name))
 
 
-def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
+def write_worksheet(sheet: "Worksheet", path: str | Path, table: str) -> Path:
     """Write the page with a worksheet, and return its path.
 
     The file is written completely or not at all.
@@ -376,6 +378,14 @@ _EXTRA = ("report", "reports need matplotlib and jinja2", ("matplotlib", "jinja2
 
 def _extras() -> AbstractContextManager[None]:
     return require_extra(*_EXTRA)
+
+
+def _leave_out_documentation() -> None:
+    """In the program, skip matplotlib's texts about artists, a quarter of its import."""
+    if "inercal.cli.app" in sys.modules:
+        from matplotlib import artist
+
+        artist.kwdoc = lambda artist: ""
 
 
 def require_report_packages() -> None:

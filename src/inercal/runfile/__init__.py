@@ -146,9 +146,8 @@ def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
 def _build_run(
     path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any], used: UsedQualifications
 ) -> Run:
-    from inercal.runfile.priors import (
-        method_priors,
-    )  # imported here because it loads the estimators
+    # Imported here because it loads the estimators.
+    from inercal.runfile.priors import method_priors
 
     chosen = method(schema.method.name)
     bench = qualified_bench(kind.build(schema.bench, path.parent), used)

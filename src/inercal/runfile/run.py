@@ -10,7 +10,6 @@ from inercal.basics.small_files import is_file, read_toml, texts_of
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS
-from inercal.benches.motion_control import MotionControl
 from inercal.benches.qualification import NO_QUALIFICATIONS, UsedQualifications
 from inercal.methods import Estimator, Method
 from inercal.physics.plan import TableStep, table_steps
@@ -21,12 +20,13 @@ from inercal.recordings.io.file_patterns import is_pattern, matching_files
 from inercal.runfile.environment_section import TemperatureOrder
 
 if TYPE_CHECKING:
+    from inercal.benches.motion_control import MotionControl
     from inercal.calibration.specification import Specification
     from inercal.estimation import Gaussian
     from inercal.methods.ship_multi_angle.norm_equations import Generation, SearchOptions
-    from inercal.methods.turntable_kalman.filter_config import (
-        FilterConfig,
-    )  # imported here because it loads kernels
+
+    # Imported here because it loads kernels.
+    from inercal.methods.turntable_kalman.filter_config import FilterConfig
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -110,7 +110,7 @@ class Run(RunBase[Any]):
         return table_steps(self.steps)
 
     @property
-    def motion_control(self) -> MotionControl:
+    def motion_control(self) -> "MotionControl":
         """Return the functions with which a host controls the bench.
 
         Raises

@@ -102,10 +102,7 @@ def schema_error(
 
 
 def _unknown_key_error(
-    loc: tuple[int | str, ...],
-    value: object,
-    content: Mapping[str, Any],
-    schema: type[BaseModel],
+    loc: tuple[int | str, ...], value: object, content: Mapping[str, Any], schema: type[BaseModel]
 ) -> InputError:
     place = _locate(loc[:-1], schema)
     (model,) = _annotation_types(place.annotation)

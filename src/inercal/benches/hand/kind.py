@@ -17,12 +17,7 @@ from inercal.benches.kind_definition import Effect, Kind
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.benches.stated_axes import any_axes
 from inercal.physics.plan import HandStep, Hold, Turn
-from inercal.physics.section_settings import (
-    BenchSection,
-    BenchUsage,
-    optional,
-    section_constant,
-)
+from inercal.physics.section_settings import BenchSection, BenchUsage, optional, section_constant
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording
 from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
@@ -130,7 +125,7 @@ def simulate(
     bench: Hand,
     steps: Sequence[HandStep],
     rate_hz: float,
-    rng: np.random.Generator,
+    rng: "np.random.Generator",
     trials: int,
     sensor: Sensor,
     carried: bool,

@@ -32,7 +32,7 @@ def simulate_hand_motion(
     bench: Hand,
     steps: Sequence[HandStep],
     rate_hz: float,
-    rng: np.random.Generator,
+    rng: "np.random.Generator",
     trials: int = 1,
     *,
     carried: bool = False,

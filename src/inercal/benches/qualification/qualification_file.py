@@ -30,7 +30,7 @@ SCHEMA = "inercal/qualification/1"
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 class _Bench(_Strict):

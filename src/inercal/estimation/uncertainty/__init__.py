@@ -24,14 +24,13 @@ many times m.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.random import Generator, SeedSequence
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.parallel import Executor, SerialExecutor, in_order
 
 BATCH = 500
-Run = Callable[[Generator, int], Mapping[str, Array]]
+Run = Callable[["np.random.Generator", int], Mapping[str, Array]]
 BATCHES = 20
 
 
@@ -133,7 +132,7 @@ def monte_carlo(
     runs = (run,) if callable(run) else run
     executor = executor or SerialExecutor()
     firsts = range(0, trials, batch)
-    streams = SeedSequence(seed).spawn(len(firsts))
+    streams = np.random.SeedSequence(seed).spawn(len(firsts))
     indices = [
         executor.submit(_draw_batch, one, stream, min(batch, trials - first))
         for first, stream in zip(firsts, streams, strict=True)
@@ -148,7 +147,7 @@ def monte_carlo(
     return {name: np.concatenate(values) for name, values in parts.items()}
 
 
-def _draw_batch(run: Run, stream: SeedSequence, count: int) -> Mapping[str, Array]:
+def _draw_batch(run: Run, stream: "np.random.SeedSequence", count: int) -> Mapping[str, Array]:
     return run(np.random.default_rng(stream), count)
 
 

@@ -25,7 +25,7 @@ from math import inf
 from typing import Literal, get_args
 
 import numpy as np
-from scipy.special import ndtr, ndtri, stdtr, stdtrit
+import scipy
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
@@ -81,7 +81,7 @@ def expanded_uncertainty(std: Array, dof: float | Array = inf) -> Array:
     std, dof = np.broadcast_arrays(np.asarray(std, dtype=float), dof)
     k = np.full(std.shape, COVERAGE)
     finite = np.isfinite(dof)
-    k[finite] = stdtrit(dof[finite], ndtr(COVERAGE))
+    k[finite] = scipy.special.stdtrit(dof[finite], scipy.special.ndtr(COVERAGE))
     return k * std
 
 
@@ -122,10 +122,10 @@ def conformance_probability(
         # Subtract the smaller tails, which keep their digits.
         flip = below > 0
         above, below = np.where(flip, -below, above), np.where(flip, -above, below)
-        normal: Array = ndtr(above) - ndtr(below)
+        normal: Array = scipy.special.ndtr(above) - scipy.special.ndtr(below)
         finite = np.isfinite(dof)
         nu = np.minimum(dof, 1e9)  # infinite degrees of freedom: normal distribution
-        student: Array = stdtr(nu, above) - stdtr(nu, below)
+        student: Array = scipy.special.stdtr(nu, above) - scipy.special.stdtr(nu, below)
     inside = (lower <= value) & (value <= upper)
     return np.where(std > 0, np.where(finite, student, normal), inside.astype(float))
 
@@ -158,7 +158,7 @@ def joint_conformance_probability(
     below, above = (lower - value)[chosen] / std, (upper - value)[chosen] / std
     correlation = covariance[np.ix_(chosen, chosen)] / np.outer(std, std)
     # Start with the least probable value, because the integrand then varies least.
-    order = np.argsort(ndtr(above) - ndtr(below))
+    order = np.argsort(scipy.special.ndtr(above) - scipy.special.ndtr(below))
     below, above = below[order], above[order]
     p = len(order)
     root = np.linalg.cholesky(correlation[np.ix_(order, order)] + _JITTER * np.eye(p))
@@ -168,11 +168,11 @@ def joint_conformance_probability(
     product = np.ones(_POINTS)
     for k in range(p):
         shift = drawn[:, :k] @ root[k, :k]
-        low = ndtr((below[k] - shift) / root[k, k])
-        share = np.maximum(ndtr((above[k] - shift) / root[k, k]) - low, 0.0)
+        low = scipy.special.ndtr((below[k] - shift) / root[k, k])
+        share = np.maximum(scipy.special.ndtr((above[k] - shift) / root[k, k]) - low, 0.0)
         product *= share
         # Stay within the open interval, because the quantiles at its ends are infinite.
-        drawn[:, k] = ndtri(np.clip(low + lattice[:, k] * share, 1e-16, 1 - 1e-16))
+        drawn[:, k] = scipy.special.ndtri(np.clip(low + lattice[:, k] * share, 1e-16, 1 - 1e-16))
     return float(np.mean(product))
 
 

@@ -214,12 +214,7 @@ class _Rehearsal:
         data = read_out(sensor, done.motion, c, self.rate_hz, rng)[0]
         units = tuple(axis.readout.unit for axis in sensor.axes)
         return Recording(
-            done.time,
-            data,
-            sensor.channels,
-            units,
-            done.labels,
-            source="the planned recording",
+            done.time, data, sensor.channels, units, done.labels, source="the planned recording"
         )
 
 

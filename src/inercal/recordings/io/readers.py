@@ -139,9 +139,7 @@ class Reader:
 
 _OWN = ("ulog", "dataflash", "rosbag", "xlsx", "hdf5", "mat", "npz", "parquet", "text")
 READERS: Registry[Reader] = Registry(
-    "inercal.readers",
-    "reader",
-    {name: f"inercal.recordings.io.{name}:READER" for name in _OWN},
+    "inercal.readers", "reader", {name: f"inercal.recordings.io.{name}:READER" for name in _OWN}
 )
 
 

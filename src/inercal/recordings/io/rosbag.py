@@ -12,7 +12,6 @@ Sources: http://wiki.ros.org/Bags/Format/2.0 and https://mcap.dev/spec.
 """
 
 import os
-import sqlite3
 import struct
 import sys
 from array import array
@@ -155,6 +154,8 @@ def check_sqlite(path: Path) -> None:
     DamagedBagError
         The database is damaged; the message says how.
     """
+    import sqlite3  # imported here because a reader of another format needs no database
+
     address = f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1"
     try:
         with closing(sqlite3.connect(address, uri=True)) as database:

@@ -27,9 +27,7 @@ _PAUSE_S = 1.0  # between files that have their own times
 
 
 def read_sections(
-    pattern: Path,
-    columns: Columns,
-    limits: Mapping[str, tuple[float, float]] | None = None,
+    pattern: Path, columns: Columns, limits: Mapping[str, tuple[float, float]] | None = None
 ) -> Recording:
     """Read the files that match a pattern as one audited recording, with their labels.
 
