@@ -7,7 +7,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.estimation.scores import Candidate, ExplainedResidual, ScoreTest, ScoreTestSet
-from inercal.estimation.singular_values import column_lengths, svd
+from inercal.estimation.whitened_problem import column_lengths, svd
 
 _ROUNDING = 1e-12  # rounding error of a product of unit columns with a hundred thousand rows
 _FEW_COLUMNS = 1000  # most columns for which the span is computed

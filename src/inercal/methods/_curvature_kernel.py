@@ -1,4 +1,4 @@
-"""Compiled moments of the second-order terms in `inercal.methods.curvature`, for many trials."""
+"""Compiled moments of the second-order terms of `hand_likelihood`, for many trials."""
 # Numba's decorator has no type annotations.
 # pyright: reportUntypedFunctionDecorator=false
 

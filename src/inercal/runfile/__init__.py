@@ -3,7 +3,7 @@
 `read` checks the whole file, including the units, and returns plain objects in SI units. Every
 error message is one line that names the file, the key and the possible values.
 
-Reader for [bench] qualification, which takes values of keys from qualification files.
+[bench] qualification takes values of keys from qualification files.
 """
 
 import re

@@ -3,9 +3,8 @@
 None of these keys affects a coefficient. They are stored as texts in the calibration. If the
 calibration of an instrument was due before the date of the measurement, a warning is issued.
 
-Reader for the laboratory file, lab.toml, with the entries that all jobs share.
-
-A run file with [job] uses only the names and the instruments; a certificate uses all keys.
+The laboratory file, lab.toml, has the entries that all jobs share. A run file with [job] uses only
+the names and the instruments; a certificate uses all keys.
 """
 
 from datetime import date

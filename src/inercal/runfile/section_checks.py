@@ -3,7 +3,7 @@
 Gravity is compared with normal gravity at the site, and the check standard shows whether the bench
 was in control.
 
-Check that a method can use the magnetometers of a run file, and what it states about them.
+The magnetometers of a run file are only accepted if its method can use them.
 """
 
 from collections.abc import Sequence

@@ -1,10 +1,9 @@
 """Read the observations from a centrifuge run: a table of dwells, or a recording of arm runs.
 
-Check the units of a centrifuge's rate, its radius and the accelerometers from norms.
-
-The norm of the readings is √(g² + (r ω²)²) on a platform that is locked to the arm. Units of the
-readings multiply the norm by the same factor at all rates. Units of the rate or the radius multiply
-only its centripetal part. If gravity is too small to tell them apart, the message names both.
+The units of the rate, the radius and the accelerometers are checked from norms. The norm of the
+readings is √(g² + (r ω²)²) on a platform that is locked to the arm. Units of the readings multiply
+the norm by the same factor at all rates. Units of the rate or the radius multiply only its
+centripetal part. If gravity is too small to tell them apart, the message names both.
 """
 
 from dataclasses import replace
@@ -16,7 +15,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_quantity
-from inercal.benches.arm_units import fitting_arm_unit
+from inercal.benches.arm import fitting_arm_unit
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.centrifuge.settings import CentrifugeData
 from inercal.physics.plan import Spin, arm_attitude

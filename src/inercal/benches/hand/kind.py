@@ -1,25 +1,32 @@
-"""Calibration by hand, as a kind of bench: its section of the run file and its directions."""
+"""Calibration by hand, as a kind of bench: its section of the run file and its directions.
 
+[bench] may state the magnetic field: strength, dip and hemisphere.
+"""
+
+import re
 from collections.abc import Sequence
-from math import degrees
+from math import degrees, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from inercal.basics.units import Measured
 from inercal.benches.contract import SensorSimulation
 from inercal.benches.hand.bench import Hand
-from inercal.benches.hand.magnetic_field import stated_dip, stated_field
 from inercal.benches.hand.sheet import sheet
 from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.kind_definition import Effect, Kind
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.benches.stated_axes import any_axes
+from inercal.physics.magnetism import EARTH_FIELD, POSSIBLE_FIELD, unit_hint
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.section_settings import (
     BenchSection,
     BenchUsage,
+    key_error,
+    measured_constant,
     optional,
     section_constant,
 )
@@ -29,6 +36,64 @@ from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
 
 if TYPE_CHECKING:
     from inercal.recordings.segments import RestDetection
+
+_NUMBER = re.compile(r"\s*[+-]?\d+(\.\d*)?([eE][+-]?\d+)?")
+_MOST = 0.2  # largest relative uncertainty; a less certain strength is of no use
+_CLEAR = 3.0  # standard uncertainties
+
+
+def stated_field(text: str | None) -> Measured | None:
+    """Return the strength of the field, T; None if it is not stated.
+
+    Raises
+    ------
+    InputError
+        The text is no flux density, or one that the Earth does not have anywhere.
+    """
+    if text is None:
+        return None
+    key = "[bench] field"
+    field = measured_constant(text, "T", key)
+    low, high = (f"{1e6 * end:.0f}" for end in EARTH_FIELD)
+    if not POSSIBLE_FIELD[0] <= field.value <= POSSIBLE_FIELD[1]:
+        number = _NUMBER.match(text)
+        hint = unit_hint(abs(float(number[0]))) if number else ""
+        raise key_error(
+            key, f"{text!r} is not possible; the Earth's field is {low} to {high} µT{hint}"
+        )
+    if field.sd > _MOST * field.value:
+        raise key_error(
+            key, f"{text!r} is too uncertain to be of use; remove it, and the field is estimated"
+        )
+    return field
+
+
+def stated_dip(text: str | None, hemisphere: str | None) -> Measured | None:
+    """Return the dip of the field, rad; None if it is not stated.
+
+    Raises
+    ------
+    InputError
+        The text is no angle up to 90°, or it contradicts the hemisphere.
+    """
+    if text is None:
+        return None
+    key = "[bench] dip"
+    dip = measured_constant(text, "°", key)
+    if abs(dip.value) > pi / 2:
+        raise key_error(key, f"{text!r} is not possible; give an angle from −90° to 90°")
+    down = dip.value > 0
+    if (
+        hemisphere is not None
+        and abs(dip.value) > _CLEAR * dip.sd
+        and down != (hemisphere == "north")
+    ):
+        raise key_error(
+            key,
+            f'{text!r} contradicts hemisphere = "{hemisphere}"; the dip is positive where the '
+            "field points downwards, as in the north",
+        )
+    return dip
 
 
 @add_bench_keys(Hand, after={"field": "turn_on"})

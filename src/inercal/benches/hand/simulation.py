@@ -3,13 +3,9 @@
 Between steps the sensor moves smoothly (minimum jerk) from one attitude to the next. Samples during
 a hold or a turn have its label; samples during a move have an empty label.
 
-Simulation of the Earth's magnetic field in the frame of a sensor that is turned by hand.
-
-At an upward direction u the field is B (cos δ e − sin δ u), where δ is the dip and e the horizontal
-direction of magnetic north. If the sensor turns by an angle, the field turns by the opposite angle
-in its frame.
-
-Rotations of vectors in the frame of a sensor that is turned by hand.
+At an upward direction u the field of the Earth is B (cos δ e − sin δ u), where δ is the dip and e
+the horizontal direction of magnetic north. If the sensor turns by an angle, the field turns by the
+opposite angle in its frame.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,6 @@
 """Compare two calibrations, coefficient by coefficient and all together.
 
 Both calibrations are first converted to the same axes, nominal readout, model form and body frame.
-
-Compare a calibration with stored values from the same data, except for rounding errors.
 """
 
 from collections.abc import Sequence

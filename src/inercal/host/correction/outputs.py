@@ -3,10 +3,9 @@
 Blocks wait for a slow reader in a queue of limited length. If it is full, the oldest blocks are
 dropped, and the reader is told how many samples it lost. A block that is sent in part is kept.
 
-Writes corrected samples as CSV, JSON lines or MessagePack.
-
-Text has nine significant digits, as the files of `inercal apply`; MessagePack has all digits. A
-value that is missing is an empty cell, null or nil.
+Corrected samples are written as CSV, JSON lines or MessagePack. Text has nine significant digits,
+as the files of `inercal apply`; MessagePack has all digits. A value that is missing is an empty
+cell, null or nil.
 """
 
 import json

@@ -1,6 +1,6 @@
 """Samples as they come from a source, and the columns of the run file that they need.
 
-Reads IMU packets as they arrive; the readings get the nominal readout of the run file.
+The readings in IMU packets get the nominal readout of the run file as they arrive.
 """
 
 from typing import NamedTuple

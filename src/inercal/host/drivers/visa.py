@@ -9,8 +9,6 @@ such as `setup=VOLT:DC:NPLC 100`, and the instrument is then asked for its first
 replaces *IDN?; if it is empty, the instrument is not asked what it is. `termination` is the end of
 commands and replies.
 
-Numbers in replies of measuring instruments.
-
 A reply contains one number, or several separated by commas, semicolons or spaces. In SCPI, 9.9E37
 stands for infinity and 9.91E37 for "not a number" (HP 53131A/132A programming guide, table 3-3; HP
 54620 programmer's guide, "Infinity representation"). Multimeters send both for an overload.

@@ -10,10 +10,9 @@ Both equations are solved exactly between two readings, so the result does not d
 the chamber is read. After `stop`, with an open door, or after an alarm, the air goes to the
 temperature of the room instead.
 
-A simulated chamber with the SCPI commands of a Watlow F4T, in °C or °F.
-
-A command has no reply, and a line that is not understood is ignored. Output 1 switches the chamber
-on, output 7 reports alarms, and output 8 reports that the door is open.
+`ScpiChamber` has the SCPI commands of a Watlow F4T, in °C or °F. A command has no reply, and a line
+that is not understood is ignored. Output 1 switches the chamber on, output 7 reports alarms, and
+output 8 reports that the door is open.
 
 Run it as `python -m inercal.host.sim.chamber --port 5025 --pace 60`.
 """

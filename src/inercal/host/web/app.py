@@ -1,6 +1,6 @@
 """The routes of the page: files, set-up, device probe, results of runs, and the websocket.
 
-The page's own files, compressed once when the server starts.
+The page's own files are compressed once when the server starts.
 """
 
 import asyncio

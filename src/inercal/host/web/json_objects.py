@@ -1,6 +1,4 @@
-"""Parses requests from a page: JSON objects whose content is not trusted.
-
-Reads the bodies of requests with limits on size and time.
+"""Reads requests from a page, with limits on size and time: JSON objects that are not trusted.
 
 The bodies from the page arrive in one piece with the request. A body that arrives slowly occupies
 one of a few places. If there are too many slow bodies, the oldest body of the client with the most

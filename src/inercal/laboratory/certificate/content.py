@@ -2,10 +2,8 @@
 
 Each item is stored only once. PDF and DCC are both written from these data.
 
-Decide whether a certificate is refused or is marked on every page.
-
-The laboratory states in [policy] when a certificate is refused. No option removes a mark; only
-another calibration does.
+A certificate may be refused, or marked on every page. The laboratory states in [policy] when a
+certificate is refused. No option removes a mark; only another calibration does.
 """
 
 from dataclasses import dataclass
@@ -16,9 +14,9 @@ from typing import Literal
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS, parse_quantity
 from inercal.calibration import Calibration
+from inercal.calibration.calibration import SIMULATED
 from inercal.calibration.check_standard import CHECK_STANDARD, is_doubtful
 from inercal.calibration.files import calibration_object
-from inercal.calibration.simulated import SIMULATED
 from inercal.calibration.specification import Conformity
 from inercal.laboratory.certificate.job import require_complete
 from inercal.laboratory.certificate.results import (

@@ -1,6 +1,6 @@
 """Make the XML elements of a DCC; the XML library escapes all text.
 
-Load the libraries of the extras; few of them have types, so their objects are `Any`.
+Few libraries of the extras have types, so their objects are `Any`.
 """
 
 from collections.abc import Sequence

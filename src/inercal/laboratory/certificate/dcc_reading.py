@@ -1,10 +1,8 @@
-"""Read the results back from a DCC that inercal wrote.
+"""Read the results back from a DCC that inercal wrote, and validate a DCC.
 
-Validate a DCC against its XML schema, which the laboratory supplies.
-
-The schema imports other schemas by address. They are looked up by namespace in the folder of the
-schema, and nothing is loaded from the network. The content of an XML signature is not validated
-here, because `certificate verify` checks the signature itself.
+The laboratory supplies the XML schema. The schema imports other schemas by address. They are looked
+up by namespace in the folder of the schema, and nothing is loaded from the network. The content of
+an XML signature is not validated here, because `certificate verify` checks the signature itself.
 """
 
 import base64

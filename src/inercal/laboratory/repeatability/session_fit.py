@@ -1,12 +1,11 @@
 """Fit sessions and their scatter, in units that make the coefficients comparable.
 
-The scatter of one coefficient that the uncertainties of its sessions do not explain.
-
-Let V be the covariance of the k values of one coefficient due to their own uncertainties. The
-variance σ² maximises the restricted likelihood of y ~ N(θ, V + σ²). Sessions are weighted by their
-uncertainty, because a session with a large uncertainty cannot show a small scatter. If there is no
-scatter, the weighted sum of squares about the mean follows χ² with k − 1 degrees of freedom. σ² is
-only used if this sum is larger than expected by chance.
+For one coefficient, the scatter is what the uncertainties of its sessions do not explain. Let V be
+the covariance of the k values of one coefficient due to their own uncertainties. The variance σ²
+maximises the restricted likelihood of y ~ N(θ, V + σ²). Sessions are weighted by their uncertainty,
+because a session with a large uncertainty cannot show a small scatter. If there is no scatter, the
+weighted sum of squares about the mean follows χ² with k − 1 degrees of freedom. σ² is only used if
+this sum is larger than expected by chance.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,9 +1,4 @@
-"""Describe histories in words and rounded numbers.
-
-Describe the noise of a sensor over time, in rounded numbers.
-
-Estimate a sensor's scatter from run to run from its other calibrations in the register.
-"""
+"""Describe histories of sensors and their noise in words and rounded numbers."""
 
 from collections.abc import Collection, Sequence
 

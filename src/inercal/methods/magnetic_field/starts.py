@@ -12,12 +12,10 @@ Each finds exchanged or reversed axes without a guess. Readings are centred, bec
 be many times as large as the field. Sources: Li and Griffiths 2004 (ellipsoid, without their
 constraint); Liu, Liu and Li 2014 (constant dip).
 
-The sign of the field and the axes of the magnetometer.
-
-(D, δ) and (−D, −δ) fit every recording equally well: the field is reversed, and with it all axes.
-The sign of the dip (the hemisphere) decides, or else the assumption that the magnetometer is
-right-handed relative to its stated axes. The other fact is then a test. A wrong sign of the
-accelerometers has the same effect as a reversed field.
+The sign of the field is decided last. (D, δ) and (−D, −δ) fit every recording equally well: the
+field is reversed, and with it all axes. The sign of the dip (the hemisphere) decides, or else the
+assumption that the magnetometer is right-handed relative to its stated axes. The other fact is then
+a test. A wrong sign of the accelerometers has the same effect as a reversed field.
 """
 
 from collections.abc import Iterator
@@ -29,7 +27,7 @@ from inercal.basics.errors import InputError
 from inercal.methods.magnetic_field.records import FieldConditions, LinearModel
 from inercal.methods.magnetic_field.rows import FieldProblem, FieldState
 from inercal.physics.frames import exp_so3
-from inercal.physics.soft_iron import TURNS_OF_CUBE, axis_names, nearest_axes
+from inercal.physics.magnetism import TURNS_OF_CUBE, axis_names, nearest_axes
 
 _FEW = 12  # upward directions, with which several turns must be tried
 _FLAT = 1e-9  # volume of axes that lie in a plane, relative to their cubed size

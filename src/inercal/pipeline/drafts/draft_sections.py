@@ -1,9 +1,8 @@
 """Draft the keys of each run-file section from the columns of a recording.
 
-Find or check the units of an arm's rate and radius from the norms of the readings.
-
-On an arm the readings have the norm s √(g² + (r ω²)²). In the right units of r and ω, the size s of
-an output unit is the same at all rates, whatever it is.
+The norms of the readings show the units of an arm's rate and radius. On an arm the readings have
+the norm s √(g² + (r ω²)²). In the right units of r and ω, the size s of an output unit is the same
+at all rates, whatever it is.
 """
 
 import os
@@ -17,7 +16,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, si_factor
-from inercal.benches.arm_units import LENGTHS, RATES
+from inercal.benches.arm import LENGTHS, RATES
 from inercal.physics.sensors import G0
 from inercal.pipeline.drafts.column_names import column_unit, run_file_column
 from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles

@@ -3,7 +3,7 @@
 Columns, units and rate are found as in `init`. The unit of a gyro cannot be found from readings at
 rest. It is therefore taken from the column names or the format, or the user states it.
 
-Give the columns of a table their signs, if signed counts were written as unsigned numbers.
+Columns get their signs, if signed counts were written as unsigned numbers.
 """
 
 from collections.abc import Mapping

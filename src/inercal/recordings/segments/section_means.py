@@ -22,13 +22,12 @@ changed, because the temperature coefficients describe the effect of T̄. If the
 by less than 0.02 K, the section counts as isothermal: otherwise, noise of the temperature sensor
 would explain part of the readings' noise.
 
-Slow bias drift during a recording: its covariance between the means of sections.
-
-For noise with the two-sided spectrum S(f), the covariance of means over T_r and T_s, centred at t_r
-and t_s, is ∫ S(f) sinc(f T_r) sinc(f T_s) cos 2πf(t_r − t_s) df with sinc x = sin πx / πx. Bias
-instability has S = B²/(2πf) (IEEE Std 952, annex B), cut off below 1/(4 × the recording's length),
-because slower noise is part of the estimated bias. A random walk K starts with the recording; its
-covariance at times t and t' is K² min(t, t').
+Slow bias drift gives the means of sections a covariance. For noise with the two-sided spectrum
+S(f), the covariance of means over T_r and T_s, centred at t_r and t_s, is ∫ S(f) sinc(f T_r) sinc(f
+T_s) cos 2πf(t_r − t_s) df with sinc x = sin πx / πx. Bias instability has S = B²/(2πf) (IEEE Std
+952, annex B), cut off below 1/(4 × the recording's length), because slower noise is part of the
+estimated bias. A random walk K starts with the recording; its covariance at times t and t' is K²
+min(t, t').
 """
 
 from collections.abc import Callable, Iterable, Sequence
