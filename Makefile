@@ -24,7 +24,7 @@ NOT_QUICK := tests/benches/test_e*.py tests/benches/test_turntable*.py \
   tests/runfile/test_every_key_counts.py tests/segments/test_turntable*.py \
   tests/observe/test_norm*.py tests/design/test_path*.py tests/test_kernel_cache.py
 
-.PHONY: help demo quick test slow check bench evidence numbers architecture glossary verbs interface dependencies pictures notebooks docs \
+.PHONY: help demo quick test slow check style types bench evidence numbers architecture glossary verbs interface dependencies pictures notebooks docs \
   lock format clean
 help:
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -60,12 +60,16 @@ test: $(INSTALLED)  ## all tests but the slow ones
 slow: $(INSTALLED)  ## the big Monte Carlo runs
 	$(call run_tests,slow and not evidence)
 
-check: $(INSTALLED)  ## format, lint, types, layers, tests, doctests, examples
+# Types take minutes of one core: with two, `make --jobs 2 check` runs the tests beside them.
+check: style types test  ## format, lint, types, layers, tests, doctests, examples
+
+style: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/pyright
 	$(BIN)/lint-imports
-	$(MAKE) test
+
+types: $(INSTALLED)
+	$(BIN)/pyright
 
 bench: $(INSTALLED)  ## speed against a peer, measured in one run, and its page: on a machine that does nothing else
 	$(BIN)/python -m benchmarks --page

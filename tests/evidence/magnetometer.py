@@ -231,8 +231,9 @@ def page(found: dict[str, Any]) -> str:
 
 _DEVICES = (
     "Written by `python -m tests.evidence.magnetometer`; do not edit. The devices were simulated "
-    "by a generator that is independent of inercal: soft iron 5 %, rotation 3° and offset 20 µT "
-    "per axis, noise of a mean 0.1 µT and 0.005 m/s², field 50 µT with a dip of 65°. With "
+    "by a generator that is independent of inercal. Each axis has a soft-iron error of 5 %, a "
+    "rotation of 3° and an offset of 20 µT. The mean of a rest has a noise of 0.1 µT and "
+    "0.005 m/s². The field is 50 µT with a dip of 65°. With "
     f"`multi_position` there are {RESTS} rests in random attitudes, with `six_position` 12 rests "
     "at two azimuths per face, tilted by 0.5°. The accelerometers, and the gyros if there are "
     "any, are unknown too. The standard uncertainty of a stated strength is 0.3 µT and that of a "

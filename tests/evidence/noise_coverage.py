@@ -38,14 +38,14 @@ DATA, PAGE = stored_counts.FOLDER / "coverage.json", stored_counts.FOLDER / "cov
 _PAGE = """\
 # Slow noise and drift: what is called consistent errs as it says, counted
 
-Written by `make evidence`; do not edit. Noise with a memory, or a drift of the accelerometers'
-biases (linear, or exponential with a time constant of a tenth to all of the run), is added to
-recordings made by generators that know nothing of inercal (`tests/evidence/noise_coverage.py`): of
-six rests of 10 s in 70 s, and of 24 rests of 3 s in 110 s. The truth of a bias is its mean over the
-run; how far that is from the mean of other runs no recording shows. Counted are coefficients that
-err by more than 2u in sessions that are called consistent, as a share of all coefficients of all
-sessions: at most {most:.0%} are allowed, or the upper end of the 99.9 % band of the draws; 4.6 %
-are what a normal distribution has. Seed {seed}.
+Written by `make evidence`; do not edit. Generators that are independent of inercal
+(`tests/evidence/noise_coverage.py`) made recordings of six rests of 10 s in 70 s, and of 24 rests
+of 3 s in 110 s. The recordings contain correlated noise, or a drift of the accelerometer biases. A
+drift is linear, or exponential with a time constant between a tenth of the run and the whole run.
+The truth of a bias is its mean over the run; how far that is from the mean of other runs no
+recording shows. Counted are coefficients that err by more than 2u in sessions that are called
+consistent, as a share of all coefficients of all sessions: at most {most:.0%} are allowed, or the
+upper end of the 99.9 % band of the draws; 4.6 % are what a normal distribution has. Seed {seed}.
 
 | method | what is added | sessions | called consistent | beyond 2u | NEES of those |
 |---|---|---|---|---|---|

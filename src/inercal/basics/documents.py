@@ -74,6 +74,29 @@ def record_object(value: Any) -> Any:
     return value.isoformat() if isinstance(value, dt.date) else value
 
 
+def to_utc(text: str) -> str:
+    """Convert a time in ISO 8601 to the form in the register: in UTC, to the millisecond.
+
+    A time without a zone is assumed to be UTC, and a date means the beginning of this day.
+
+    Raises
+    ------
+    ValueError
+        If the text is not a time in ISO 8601.
+
+    Examples
+    --------
+    >>> to_utc("2026-03-01"), to_utc("2026-03-01T10:00:00+02:00")
+    ('2026-03-01T00:00:00.000+00:00', '2026-03-01T08:00:00.000+00:00')
+    """
+    time = dt.datetime.fromisoformat(text)
+    try:
+        time = time.replace(tzinfo=dt.UTC) if time.tzinfo is None else time.astimezone(dt.UTC)
+    except OverflowError:  # in UTC, before the first year or after the last year
+        raise ValueError(f"{text} is out of range") from None
+    return time.isoformat(timespec="milliseconds")
+
+
 def document_text(content: Mapping[str, Any]) -> str:
     """Return a document as the text of its file."""
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

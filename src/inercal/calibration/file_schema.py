@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, ValidationError
 
-from inercal.basics.documents import Positive, Record, Share, first_problem
+from inercal.basics.documents import Positive, Record, Share, first_problem, to_utc
 from inercal.basics.errors import InputError
 from inercal.calibration.forms import Frame
 from inercal.calibration.verdict_object import VerdictRecord
@@ -136,8 +136,8 @@ def checked_record(content: dict[str, Any]) -> CalibrationRecord:
     InputError
         If a field is invalid: a wrong type, an unknown word, a number that is not finite, a
         coefficient that is listed twice, a standard deviation that contradicts the covariance, an
-        invalid covariance, or a mounting matrix that is not a rotation. The error names the first
-        invalid field.
+        invalid covariance, a mounting matrix that is not a rotation, a blank name of the sensor, or
+        a time of creation that is not in ISO 8601. The error names the first invalid field.
     """
     try:
         file = CalibrationRecord.model_validate(content)
@@ -155,7 +155,20 @@ def checked_record(content: dict[str, Any]) -> CalibrationRecord:
     _require_covariance(file.covariance, file.coefficients)
     if not _is_rotation(tuple(map(tuple, file.mount))):
         raise InputError("mount: the matrix is not a rotation", key="mount")
+    if not file.sensor.name.strip():
+        raise InputError("sensor.name: it is blank", key="sensor")
+    _require_time(file.provenance.get("created", ""))
     return file
+
+
+def _require_time(created: str) -> None:
+    """Raise an error if a time of creation is stated that is not a time."""
+    try:
+        _ = created and to_utc(created)
+    except ValueError:
+        raise InputError(
+            f"provenance.created: {created!r} is not a time in ISO 8601", key="created"
+        ) from None
 
 
 @lru_cache(maxsize=16)  # a register may contain thousands of calibrations with the same mounting

@@ -96,7 +96,8 @@ class HypothesisTest:
 class Assessment:
     """Results of the tests of an estimate.
 
-    `best` is the best of the tested causes. It is the suspect if nothing significant remains.
+    `best` is the tested cause that explains the residuals best. It is the suspect if nothing
+    significant remains.
     """
 
     tests: tuple[HypothesisTest, ...]

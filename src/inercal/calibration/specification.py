@@ -162,7 +162,7 @@ def limit_text(lower: float, upper: float, term: ErrorTerm) -> str:
 def conformity_lines(
     conformity: Conformity | None, sensor: Sensor, verdict: Verdict | None
 ) -> list[str]:
-    """Return a summary line and a line for each limit that was not passed.
+    """Return a summary line, and a line for each limit whose result is not "pass".
 
     The list is empty if nothing was judged.
     """

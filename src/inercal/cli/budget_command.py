@@ -50,8 +50,8 @@ def run(
     check_outputs({page: PAGE, table: BUDGET}, plan.input_files())
     if plan.search is not None:
         raise InputError(
-            f"a budget would repeat the search of estimator {plan.estimator} for "
-            "hours; use estimator damped, which solves the same equations, or joint",
+            f"a budget with estimator {plan.estimator} takes hours, because every trial repeats a "
+            "long search; use estimator damped, which solves the same equations, or joint",
             key="[method] estimator",
         ).located(run_file)
     warn_of_root(scheduler)

@@ -238,7 +238,7 @@ def _sensor_name(
             "--register needs the sensor's name in the register: add --sensor NAME", key="--sensor"
         )
     if measured is not None:
-        from inercal.laboratory.store.document import to_utc
+        from inercal.basics.documents import to_utc
 
         try:
             to_utc(measured)

@@ -83,7 +83,9 @@ def require_single_source(*ways: object) -> None:
     """
     if sum(map(bool, ways)) != 1:
         further = " or --bench" if len(ways) > 3 else ""
-        raise InputError(f"give the sessions in one way: files, --table or --sensor{further}")
+        raise InputError(
+            f"give the sessions in only one way: as files, by --table or by --sensor{further}"
+        )
 
 
 def measured_time(calibration: "Calibration") -> str:

@@ -1,4 +1,4 @@
-"""Terminal output in which no text from a name, a note or a file acts as a command."""
+"""Terminal output: text from names, notes or files cannot control the terminal."""
 
 import os
 from collections.abc import Iterable

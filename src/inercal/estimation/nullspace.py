@@ -42,7 +42,7 @@ class NullDirection:
 
 
 class Observability(NamedTuple):
-    """The observability of the wanted parameters at one point."""
+    """Which of the chosen parameters can be estimated, at one set of parameter values."""
 
     rank: int
     singular_values: Array  # descending

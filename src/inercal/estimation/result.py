@@ -238,7 +238,7 @@ class Estimate:
 
     @property
     def correlation(self) -> Array:
-        """Correlation coefficients, (..., p, p); zero if a gauge leaves no uncertainty."""
+        """Correlation coefficients, (..., p, p); zero for parameters fixed by convention."""
         sd = np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
         product = sd[..., :, None] * sd[..., None, :]
         return self.covariance / np.where(product > 0, product, 1.0)

@@ -110,9 +110,8 @@ def compare_with_sheet(
                 found.append(_comparison(channel, one, k))
     if not found:
         raise InputError(
-            f"{analysis.source or 'the recording'} has no channels of "
-            f"{' or '.join(sheet.coefficients)}s, which data sheet {sheet.name} states; remove "
-            "--datasheet",
+            f"data sheet {sheet.name} states values of {' and '.join(sheet.coefficients)}s, of "
+            f"which {analysis.source or 'the recording'} has no channel; remove --datasheet",
             key="--datasheet",
         )
     return tuple(found)

@@ -25,7 +25,7 @@ _LINES = ("-", "--", ":")  # for readers who cannot distinguish the colours
 
 
 def prediction_page(calibration: Calibration, found: Prediction, name: str) -> str:
-    """Return the page as HTML; `name` is the part of the points that varies."""
+    """Return the page as HTML; `name` is the quantity that varies, such as the temperature."""
     x, unit = swept_values(name, found)
     varying = np.ptp(found.raw_error, axis=0) > _ROUNDING * np.abs(found.raw_error).max(axis=0)
     kinds = dict.fromkeys(

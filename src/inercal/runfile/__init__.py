@@ -283,7 +283,7 @@ def qualified_bench(bench: Bench, used: UsedQualifications) -> Bench:
         return bench
     if "qualified" not in {one.name for one in fields(bench)}:
         raise InputError(
-            f"{KEY}: this kind of bench cannot use one: its class has no field `qualified`", key=KEY
+            f"{KEY}: this kind of bench cannot use a qualification; remove the key", key=KEY
         )
     result: Any = replace(cast(Any, bench), qualified=used.parameters)
     require_parameters(result, used)

@@ -326,7 +326,7 @@ def _matrix(content: Mapping[str, Any], name: str) -> Array:
         if isinstance(x, int | float)
     ]
     if len(rows) != 3 or len(numbers) != 9 or not np.isfinite(numbers).all():
-        raise InputError(f"{name} must be 3 × 3 finite numbers", names=(name,))
+        raise InputError(f"{name} must be a 3 × 3 matrix of finite numbers", names=(name,))
     return np.array(numbers).reshape(3, 3)
 
 

@@ -215,7 +215,7 @@ class SampleAssembler:
 
     @property
     def is_recording(self) -> bool:
-        """Whether samples are produced: both clocks are related, and the recording has begun."""
+        """Whether samples are produced: the clocks are related, and the recording has begun."""
         return self.offset is not None and self._sections.start < np.inf
 
     @property

@@ -13,7 +13,8 @@ may have stopped in the gap. A poll is omitted if no motion within the limits ex
 Between two polls of a rate table, the rate is interpolated linearly. No sequential estimator uses
 these samples, because states on a rate table are means at steady rates. The controller of a motor
 has no clock, so at a fast rate the uncertainty of an angle is the rate times the timing jitter of
-the link. The table needs no zero. A poll is omitted if no motion within the limits explains its
+the link. The zero position of the table
+need not be known. A poll is omitted if no motion within the limits explains its
 rate, for example after a corrupted digit.
 """
 # Numba's decorator is not typed.

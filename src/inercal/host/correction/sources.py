@@ -1,7 +1,7 @@
 """Sources of bytes: standard input, a file, a serial port, and TCP and UDP addresses.
 
-A live source does not wait for its reader, and it may be lost. A file and standard input wait, and
-they end.
+A live source does not wait for its reader, and it may be lost. A file and standard input wait until
+they are read, and they have an end.
 """
 
 import os
@@ -162,7 +162,7 @@ def place_of(address: str) -> tuple[str, int]:
     place = host_and_port(local) or free_port
     if place is None or parts.path not in ("", "/") or parts.query or parts.username:
         raise InputError(
-            f"{address!r} is not an address; possible: {parts.scheme or 'tcp'}://{LOCAL}:5000"
+            f"{address!r} is not an address; write it like {parts.scheme or 'tcp'}://{LOCAL}:5000"
         )
     return place
 

@@ -224,7 +224,7 @@ class TextRows:
 
 
 def layout_of_file(run: Run, path: Path) -> TextLayout:
-    """Return the layout of a text file, read with [data] skip.
+    """Return the layout of a text file below the lines that [data] skip leaves out.
 
     Raises
     ------

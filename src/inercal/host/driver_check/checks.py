@@ -249,7 +249,7 @@ def stop(probe: Probe) -> str:
 
 
 def lost_link(probe: LinkProbe[Any]) -> str:
-    """Check that a lost and a silent link are errors in time."""
+    """Check that a driver reports soon enough that the link is lost, or that no reply comes."""
     with probe.open() as table:
         table.read()
         probe.relay.unplug()

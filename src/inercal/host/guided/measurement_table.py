@@ -236,8 +236,8 @@ class MeasurementTable:
                 row.readings.append({name: float(one[name]) for name in row.columns})
             except (KeyError, ValueError):
                 raise InputError(
-                    f"{path} line {number}: not a reading of any row of {self.path}; remove the "
-                    "line, or start again with --force",
+                    f"{path} line {number}: this reading belongs to no row of {self.path}; remove "
+                    "the line, or start again with --force",
                     file=path,
                     line=number,
                 ) from None

@@ -75,7 +75,7 @@ class Access:
                 )
         if token is not None and token == read_token:
             raise InputError(
-                "the read-only token is the token of the page; give two different tokens",
+                "the read-only token and the token of the page are the same; give two tokens",
                 key="read-only token",
             )
         self.session = secrets.token_urlsafe(32)

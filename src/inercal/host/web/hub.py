@@ -78,7 +78,7 @@ class Hub:
         return self.run_process is not None and not self._end_published
 
     def latest(self, kind: str) -> ReceivedMessage | None:
-        """Return the latest message of a kind about the run in view; None if there is none."""
+        """Return the latest message of this kind about the displayed run, or None."""
         return None if self._history is None else self._history.latest(kind)
 
     def add_viewer(
@@ -176,8 +176,8 @@ class Hub:
         number, mounting = asked.get("number"), asked.get("mounting")
         if not isinstance(number, int) or isinstance(number, bool):
             raise InputError(
-                f"number {str(number)[:40]!r} does not match the request for a mounting; send the "
-                "number and the mounting of the request",
+                f"number {str(number)[:40]!r} is not that of the mounting for which the run waits; "
+                "send the number and the mounting as the run states them",
                 key="number",
             )
         if printable_line(mounting, _MAX_NAME) is None:

@@ -9,8 +9,9 @@ from typing import Any
 
 from sqlalchemy import Connection, Table, insert, select, update
 
+from inercal.basics.documents import to_utc
 from inercal.basics.errors import InputError
-from inercal.laboratory.store.document import CalibrationDocument, to_utc
+from inercal.laboratory.store.document import CalibrationDocument
 from inercal.laboratory.store.entries import RunFacts
 from inercal.laboratory.store.register_tables import (
     bench,

@@ -15,8 +15,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from inercal.basics.documents import to_utc
 from inercal.basics.errors import InputError
-from inercal.laboratory.store.document import to_utc
 from inercal.laboratory.store.insertions import EntryAuthor, enter_axes, insert_row
 from inercal.laboratory.store.register_tables import entry_columns, metadata, sensor
 from inercal.noise import NoiseAnalysis, NoiseCoefficient

@@ -8,6 +8,7 @@ from pathlib import Path
 from sqlalchemy import Connection, Engine, select
 
 from inercal.basics.closeable import Closeable
+from inercal.basics.documents import to_utc
 from inercal.basics.errors import InputError
 from inercal.basics.system_user import user_name
 from inercal.calibration import Calibration
@@ -17,7 +18,7 @@ from inercal.laboratory.store.address import (
     require_place_of_register,
     resolve_address,
 )
-from inercal.laboratory.store.document import make_document, to_utc, utc_now
+from inercal.laboratory.store.document import make_document, utc_now
 from inercal.laboratory.store.entries import CalibrationEntry, RunEntry, RunFacts, SensorEntry
 from inercal.laboratory.store.history import SensorHistory, build_history
 from inercal.laboratory.store.noise_history import NoiseEntry, enter_noise, read_noise

@@ -69,7 +69,7 @@ LEVER_ARM_NOTE = (
 
 
 def half_circle() -> tuple[Attitude, ...]:
-    """Return the source's twenty positions: ψ to 180° in 45° steps, θ to 180° in 60° steps."""
+    """Return the twenty positions of the paper: ψ from 0° in 45° steps, θ from 0° in 60° steps."""
     return tuple(arm_attitude(radians(45 * i), radians(60 * j)) for i in range(5) for j in range(4))
 
 

@@ -215,8 +215,8 @@ def temperature_offsets(kelvin: Array | None, field: Sensor, count: int) -> Arra
         return np.zeros(count)
     if kelvin is None:
         raise InputError(
-            "coefficients of the magnetometers depend on the temperature, but none was recorded; "
-            "name its column, or leave them out",
+            "coefficients of the magnetometers depend on the temperature, but the recording has no "
+            "temperature; name the column of the temperature, or leave out these coefficients",
             key="[data] temperature",
         )
     return kelvin - field.reference_temperature

@@ -9,9 +9,8 @@ of J at every point, for any data. The source notes that the linear equations ar
 damps them: (JᵀJ + μ) Δ = −Jᵀρ, ρ = |v|² − (A² + 1). A damped step has no component along a null
 direction, so the result equals the start there.
 
-The user may state a frame, which replaces the rotation of the start. Among all (R M, R p) with a
-rotation or reflection R, exactly one has a symmetric, positive definite H = M⁻¹, by the polar
-decomposition::
+The user may state a frame, which replaces the rotation of the start. By the polar decomposition,
+exactly one rotation or reflection R makes the inverse H of R M symmetric and positive definite::
 
     H = S Q,   (M, p) → (Q M, Q p),   H → S
 

@@ -73,7 +73,7 @@ class ConstantColumns:
 
     @property
     def columns(self) -> tuple[ConstantColumn, ...]:
-        """The driving constants, followed by the observed ones."""
+        """The constants that drive the state, then those that only observations contain."""
         return self.driving_columns + self.observed_columns
 
 

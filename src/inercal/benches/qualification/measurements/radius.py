@@ -113,7 +113,7 @@ def radius_by_sensor(
     speeds = len(np.unique(np.round(np.abs(rate), 6)))
     if stretch and speeds < _FEWEST:
         raise InputError(
-            f"{speeds} speeds cannot show a stretch: measure at three or more",
+            f"{speeds} speeds are too few for the stretch of the arm; measure at three or more",
             key="[measurement] file",
         )
     if sensor.k2 is None:
