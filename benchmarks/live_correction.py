@@ -21,8 +21,7 @@ from benchmarks import Row, best
 from inercal.calibration import Calibration
 from inercal.calibration.files import load, save
 from inercal.host.correction import LiveCorrection, LiveSummary
-from inercal.host.correction.formats import csv_format
-from inercal.host.correction.outputs import Output
+from inercal.host.correction.outputs import Output, csv_format
 from inercal.host.correction.sources import Source
 from inercal.host.correction.text_rows import TextRows, layout_of_file
 from inercal.pipeline.live_correction import LiveCorrector

@@ -3,7 +3,7 @@
 import numpy as np
 
 import inercal
-from inercal.physics.sensors.noise import Noise
+from inercal.physics.sensors.axis import Noise
 from inercal.recordings import Recording
 
 RATE = 10.0  # Hz

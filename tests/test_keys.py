@@ -21,7 +21,7 @@ OTHER_TEXT = {
     "cli/import_command.py",
     "export/readers.py",
     "basics/units/quantity.py",
-    "host/web/static_files.py",
+    "host/web/app.py",
     "runfile/filter_fields.py",
     # Columns of a log, "topic[1].field", and keys of a run file, "data.rate".
     "pipeline/drafts/__init__.py",

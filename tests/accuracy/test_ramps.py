@@ -13,7 +13,7 @@ from inercal.methods.temperature_ramp.blocks import RampBlocks
 from inercal.methods.temperature_ramp.ramp_fit import ramp_model
 from inercal.physics.sensors import Noise
 from inercal.recordings.environment import Environment
-from inercal.recordings.segments.drift import drift_covariance, even_drift_covariance
+from inercal.recordings.segments.section_means import drift_covariance, even_drift_covariance
 
 UP_AND_DOWN = "up and down, 2 × 30 min"
 UP = "up, 30 min"

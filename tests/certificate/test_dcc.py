@@ -23,13 +23,11 @@ from inercal.laboratory.certificate.content import (
     make_certificate,
 )
 from inercal.laboratory.certificate.dcc import dsi_unit, write_dcc
-from inercal.laboratory.certificate.dcc_reading import read_dcc
+from inercal.laboratory.certificate.dcc_reading import read_dcc, schema_defects
 from inercal.laboratory.certificate.job import read_job
-from inercal.laboratory.certificate.schema import schema_defects
 from inercal.physics.sensors import SI_UNITS, Sensor, imu, triad
 from inercal.physics.sensors.coefficient_tables import TABLES
-from inercal.runfile.job import JobSection
-from inercal.runfile.laboratory_file import LaboratoryFile, read_laboratory
+from inercal.runfile.job import JobSection, LaboratoryFile, read_laboratory
 
 Array = NDArray[np.float64]
 SIGNATURE = (

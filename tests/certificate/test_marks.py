@@ -13,10 +13,10 @@ from tests.certificate.pdf_text import page_texts, squeezed
 from tests.program import run_program
 
 import inercal
+from inercal.calibration.calibration import SIMULATED
 from inercal.calibration.check_standard import CHECK_STANDARD
 from inercal.calibration.explanation import NEXT_STEPS, REMARKS
 from inercal.calibration.files import load
-from inercal.calibration.simulated import SIMULATED
 from inercal.cli import certificate_commands
 from inercal.laboratory.certificate.texts import LANGUAGES, Texts
 

@@ -26,7 +26,7 @@ from inercal.laboratory.certificate.issue import find_font, write_pdf_a1
 from inercal.laboratory.certificate.job import read_job
 from inercal.laboratory.certificate.texts import LANGUAGES, Language, Texts, text_table
 from inercal.physics.sensors.coefficient_tables import TABLES
-from inercal.runfile.laboratory_file import read_laboratory
+from inercal.runfile.job import read_laboratory
 
 FOLDER = Path(__file__).parent
 ITEMS: list[dict[str, Any]] = tomllib.loads(

@@ -26,7 +26,7 @@ from inercal.laboratory.certificate.results import (
     stated_capability,
 )
 from inercal.physics.sensors.coefficient_tables import G0
-from inercal.runfile.laboratory_file import read_laboratory
+from inercal.runfile.job import read_laboratory
 
 UG = 1e-6 * G0
 

@@ -22,7 +22,7 @@ from inercal.laboratory.certificate.issue import IssueOptions, issue
 from inercal.laboratory.certificate.job import read_job
 from inercal.laboratory.store import Register
 from inercal.laboratory.store.certificates import number_text, require_series
-from inercal.runfile.laboratory_file import read_laboratory
+from inercal.runfile.job import read_laboratory
 
 
 def test_numbers_follow_one_another_and_begin_anew_each_year(laboratory: Laboratory):

@@ -13,7 +13,7 @@ import pytest
 from tests.program import run_program
 
 from inercal.basics.errors import InputError
-from inercal.calibration.comparison.recomputation import largest_change
+from inercal.calibration.comparison import largest_change
 from inercal.calibration.files import load, save
 from inercal.pipeline.bundles import reproduce_bundle
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from inercal.estimation.singular_values import svd, svds
+from inercal.estimation.whitened_problem import svd, svds
 
 
 def test_matrices_on_which_divide_and_conquer_fails_have_singular_values(

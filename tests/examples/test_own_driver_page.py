@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from inercal.host.driver_check.chamber_checks import CHAMBER_CHECKS
 from inercal.host.driver_check.checks import CHECKS
+from inercal.host.driver_check.instrument_checks import CHAMBER_CHECKS
 from inercal.host.drivers.registry import DRIVERS
 from inercal.host.drivers.rotary_table import RotaryTable
 from inercal.host.equipment import CHAMBERS, INSTRUMENTS

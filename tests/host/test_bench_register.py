@@ -8,7 +8,7 @@ import pytest
 from tests.host.simulated_runs import plan, quick
 
 from inercal.basics.errors import InputError
-from inercal.calibration.simulated import SIMULATED
+from inercal.calibration.calibration import SIMULATED
 from inercal.cli.app import main
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal

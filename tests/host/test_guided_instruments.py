@@ -14,7 +14,7 @@ from tests.refusals import refused
 from inercal.basics import errors
 from inercal.basics.errors import InputError
 from inercal.host.drivers.rotary_table import ProtocolError
-from inercal.host.drivers.scpi_reply import numbers_in_reply
+from inercal.host.drivers.visa import numbers_in_reply
 from inercal.host.guided.instruments import LineInstrument, read_instruments
 from inercal.host.link import LinkLost
 from inercal.pipeline import calibrate

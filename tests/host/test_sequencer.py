@@ -11,7 +11,7 @@ from inercal.basics.units import Measured
 from inercal.benches import Turntable
 from inercal.benches.motion_control import TurnTask
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
-from inercal.benches.turntable.driving import plan_tasks
+from inercal.benches.turntable.kind import plan_tasks
 from inercal.host.drivers.rotary_table import AxisState, TableFault, TableState
 from inercal.host.sequencer import (
     EnableCommand,

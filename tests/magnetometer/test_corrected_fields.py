@@ -13,10 +13,9 @@ from tests.refusals import refused
 from inercal.basics.errors import InputError
 from inercal.calibration import Validity
 from inercal.calibration.files import load, save
-from inercal.physics.magnetic_heading import level_attitudes
+from inercal.physics.magnetism import field_matrix, level_attitudes, split_matrix
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0, imu
-from inercal.physics.soft_iron import field_matrix, split_matrix
 
 UP = np.array([0.0, 0.0, G0])
 

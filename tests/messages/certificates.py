@@ -4,13 +4,12 @@ from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 
+from inercal.laboratory.certificate.dcc_reading import schema_defects
 from inercal.laboratory.certificate.issue import find_font
 from inercal.laboratory.certificate.job import read_job, require_complete
-from inercal.laboratory.certificate.schema import schema_defects
 from inercal.laboratory.store import Register, restore_register
 from inercal.laboratory.store.certificates import require_series
-from inercal.runfile.job import JobSection
-from inercal.runfile.laboratory_file import LaboratoryFile, read_laboratory
+from inercal.runfile.job import JobSection, LaboratoryFile, read_laboratory
 
 
 def order(folder: Path, text: str) -> JobSection:

@@ -24,8 +24,7 @@ from tests.refusals import refused
 from inercal.basics.units import Measured
 from inercal.benches.characteristics import Characteristic
 from inercal.benches.rate_platform import RatePlatform
-from inercal.benches.rate_platform.linearity import gyro_characteristics
-from inercal.benches.rate_platform.scale_factors import speed_scales
+from inercal.benches.rate_platform.linearity import gyro_characteristics, speed_scales
 from inercal.benches.rate_platform.sections import RateDwell
 from inercal.estimation import Estimate, Gaussian
 from inercal.methods import METHODS

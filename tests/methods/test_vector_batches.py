@@ -17,7 +17,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.estimation import Estimate, Gaussian, Problem
-from inercal.methods import curvature, hand_likelihood, method, rates_and_poses, tumble
+from inercal.methods import hand_likelihood, method, rates_and_poses, tumble
 from inercal.methods.dividing_head_problem import head_problem
 from inercal.methods.solving import solve
 from inercal.physics.sensors import G0, imu, triad
@@ -189,7 +189,10 @@ def test_moments_of_curvature_of_a_batch_are_those_of_dense_algebra():
     spread = root @ np.swapaxes(root, -1, -2)
     index, rows = rng.permutation(p)[: 2 * t].reshape(t, 2), np.array([0, 1, 3, 4])
     arguments: Any = eta, place, spread, index, rows, r
-    compiled, dense = curvature._moments_of_trials(*arguments), curvature._moments(*arguments)  # pyright: ignore[reportPrivateUsage]
+    compiled, dense = (
+        hand_likelihood._moments_of_trials(*arguments),
+        hand_likelihood._moments(*arguments),
+    )  # pyright: ignore[reportPrivateUsage]
     assert_allclose(compiled.shift, dense.shift, rtol=1e-12)
     assert_allclose(compiled.covariance, dense.covariance, rtol=1e-10, atol=1e-12)
 

@@ -11,7 +11,7 @@ from tests.refusals import refused
 
 from inercal.basics.errors import InercalError, InputError, NotObserved
 from inercal.benches import Centrifuge
-from inercal.benches.centrifuge.sheet import sheet
+from inercal.benches.centrifuge.kind import sheet
 from inercal.calibration.files import save
 from inercal.methods.centrifuge_norm.screening import screen_rows
 from inercal.physics.plan import Spin

@@ -8,8 +8,7 @@ import pytest
 from tests.host.soak_runs import soak_run
 from tests.refusals import refused
 
-from inercal.benches.turntable.reading.readback_angles import RecordingWithAngles
-from inercal.benches.turntable.reading.soak_waits import without_waits
+from inercal.benches.turntable.reading.readback_angles import RecordingWithAngles, without_waits
 from inercal.recordings import AngleQuality, Observations, Recording, Track
 from inercal.recordings.environment import Environment
 from inercal.recordings.environment.soaks import changed_by_soak_errors

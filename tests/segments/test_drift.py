@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from inercal.physics.sensors import Noise
-from inercal.recordings.segments.drift import drift_covariance
+from inercal.recordings.segments.section_means import drift_covariance
 
 RATE, SAMPLES, TRIALS = 10.0, 2000, 4000
 SECTIONS = [(100, 300), (500, 900), (1500, 1600), (1700, 1990)]

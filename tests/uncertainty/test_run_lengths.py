@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from inercal.estimation.uncertainty.control_charts import chart_limits, chart_values
-from inercal.estimation.uncertainty.cusum import cusum_limit, cusum_run_length, cusum_sums
-from inercal.estimation.uncertainty.run_lengths import (
+from inercal.estimation.uncertainty.cusum import (
     chart_limit,
+    cusum_limit,
+    cusum_run_length,
+    cusum_sums,
     in_control_run_length,
     wider_limit,
 )

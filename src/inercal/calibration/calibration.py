@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from inercal.calibration.prediction import Prediction
     from inercal.calibration.specification import Conformity
 
+SIMULATED = "simulated"
+"""Key in `Calibration.provenance`; its text says how we know that the data are simulated."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:

@@ -37,7 +37,7 @@ from inercal.calibration.detectability import UndetectableCause, coefficient_def
 from inercal.calibration.temperature_range import TEMPERATURE_MARGIN
 from inercal.calibration.validity import READING_MARGIN, distance_outside
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.physics.magnetic_heading import heading_gradient
+from inercal.physics.magnetism import heading_gradient
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors import TABLES, Sensor, inverse

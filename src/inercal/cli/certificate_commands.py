@@ -98,8 +98,8 @@ def issue(
     json: Json = False,
 ) -> None:
     """Issue a certificate as PDF/A-3 and DCC (XML), with a number from the register."""
-    from inercal.laboratory.certificate.libraries import CERTIFICATE
-    from inercal.runfile.laboratory_file import read_laboratory
+    from inercal.laboratory.certificate.dcc_elements import CERTIFICATE
+    from inercal.runfile.job import read_laboratory
 
     require_installed(*CERTIFICATE)
     laboratory = read_laboratory(lab)
@@ -163,7 +163,7 @@ def verify(
     The exit status is 0 if no check fails and the file is confirmed by a trusted signature
     (--trust) or by the register (--register); otherwise it is 3.
     """
-    from inercal.laboratory.certificate.libraries import CERTIFICATE, SIGNATURE
+    from inercal.laboratory.certificate.dcc_elements import CERTIFICATE, SIGNATURE
 
     require_installed(*CERTIFICATE)
     require_installed(*SIGNATURE)
@@ -231,7 +231,7 @@ def list_(register: RegisterOption = None, json: Json = False) -> None:
 
 
 def _passphrase(path: Path) -> str:
-    from inercal.laboratory.certificate.libraries import SIGNATURE
+    from inercal.laboratory.certificate.dcc_elements import SIGNATURE
 
     require_installed(*SIGNATURE)
     known = os.environ.get(PASSPHRASE)

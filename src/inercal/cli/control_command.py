@@ -121,8 +121,8 @@ def _chart_bench(
     """Chart the parameters of a bench in the register, as estimated by its own runs."""
     from inercal.basics.documents import document_text
     from inercal.cli.control_view import doubtful_object, print_bench_charts, print_doubtful
-    from inercal.laboratory.check_standard.bench_chart_texts import bench_charts_object
     from inercal.laboratory.check_standard.bench_charts import ChartedRun, bench_charts
+    from inercal.laboratory.check_standard.chart_texts import bench_charts_object
     from inercal.laboratory.store.uses import calibrations_of_bench
 
     with open_register(register, create=False) as opened:

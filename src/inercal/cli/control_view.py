@@ -8,13 +8,15 @@ import numpy as np
 from inercal.basics.units import format_count
 from inercal.cli.console import print_line, print_lines, print_table
 from inercal.laboratory.check_standard import ControlCharts
-from inercal.laboratory.check_standard.bench_chart_texts import (
+from inercal.laboratory.check_standard.bench_charts import BenchCharts
+from inercal.laboratory.check_standard.chart_texts import (
     bench_lines,
+    control_lines,
+    day,
     day_signals,
     newest_statistics,
+    signal_text,
 )
-from inercal.laboratory.check_standard.bench_charts import BenchCharts
-from inercal.laboratory.check_standard.chart_texts import control_lines, day, signal_text
 
 if TYPE_CHECKING:
     from inercal.laboratory.store import CalibrationEntry

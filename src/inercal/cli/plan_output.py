@@ -15,7 +15,7 @@ from inercal.physics.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from inercal.basics.parallel import Executor
-    from inercal.pipeline.design.expected_uncertainty import ExpectedUncertainty
+    from inercal.pipeline.design.plan_rehearsal import ExpectedUncertainty
     from inercal.runfile import Run
 
 
@@ -150,7 +150,7 @@ def _next_step(run: "Run", sheet: Path) -> str:
 
 def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
     from inercal.pipeline.design import rehearse_plan
-    from inercal.pipeline.design.expected_uncertainty import coefficient_uncertainties
+    from inercal.pipeline.design.plan_rehearsal import coefficient_uncertainties
 
     result = rehearse_plan(run, executor=executor)
     steps = [

@@ -17,7 +17,7 @@ from inercal.cli.outputs import QUALIFICATION, check_outputs
 
 if TYPE_CHECKING:
     from inercal.benches.qualification import Qualification
-    from inercal.benches.qualification.succession import ParameterDrift
+    from inercal.benches.qualification.result import ParameterDrift
     from inercal.laboratory.store.uses import QualificationUse
 
 _NOT_TO_BE_RELIED_ON = 3  # the exit status
@@ -85,7 +85,7 @@ def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
 
 def _drift(files: list[Path], json: bool) -> None:
     from inercal.benches.qualification.qualification_file import load
-    from inercal.benches.qualification.succession import drift_between
+    from inercal.benches.qualification.result import drift_between
 
     earlier, later = map(load, files)
     found = drift_between(earlier, later)

@@ -213,7 +213,7 @@ def _run_to_run(
 ) -> "RunToRun | None":
     """Test a difference against the run-to-run scatter; None with too few calibrations."""
     from inercal.calibration.comparison.run_to_run import against_scatter, scatter_of_file
-    from inercal.laboratory.store.run_scatter import run_scatter
+    from inercal.laboratory.store.history_text import run_scatter
 
     if file is not None:
         return against_scatter(compared, scatter_of_file(file, compared))

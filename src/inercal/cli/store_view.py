@@ -15,27 +15,25 @@ from inercal.cli.console import axis_of, number_heads, print_line, print_lines, 
 from inercal.laboratory.store import CalibrationEntry, RunEntry, SensorEntry, SensorHistory
 from inercal.laboratory.store.history import CoefficientTrend
 from inercal.laboratory.store.history_text import (
+    HEADS,
+    NEWEST_HEADS,
+    change_lines,
     drift_text,
     format_bands,
     format_point,
     format_slope,
     history_lines,
-)
-from inercal.laboratory.store.noise_history import NoiseEntry, noise_entry_object, noise_trends
-from inercal.laboratory.store.noise_history_text import (
-    HEADS,
-    NEWEST_HEADS,
-    change_lines,
     newest_rows,
+    newest_run_to_run,
     trend_rows,
 )
+from inercal.laboratory.store.noise_history import NoiseEntry, noise_entry_object, noise_trends
 from inercal.laboratory.store.recalibration import Recalibration
 from inercal.laboratory.store.recalibration_text import (
     interval_table,
     limit_text,
     recalibration_lines,
 )
-from inercal.laboratory.store.run_scatter import newest_run_to_run
 from inercal.physics.sensors import SI_UNITS
 
 _TIME_SOURCES = {

@@ -8,7 +8,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Bools, Indices
 from inercal.estimation.scores import Candidate, ExplainedResidual, ScoreTest, ScoreTestSet
-from inercal.estimation.singular_values import column_lengths, svds
+from inercal.estimation.whitened_problem import column_lengths, svds
 
 _ROUNDING = 1e-12  # rounding error of a product of unit columns with a hundred thousand rows
 _FEW_COLUMNS = 1000  # most columns for which the span is computed

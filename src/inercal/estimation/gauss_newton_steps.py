@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array, Bools, Indices, row_products
-from inercal.estimation.singular_values import column_lengths
+from inercal.estimation.whitened_problem import column_lengths
 
 Places = slice | Indices
 

@@ -25,7 +25,7 @@ import numpy as np
 import scipy
 
 from inercal.basics.arrays import Array, Bools
-from inercal.estimation.singular_values import column_lengths
+from inercal.estimation.whitened_problem import column_lengths
 
 LEAST_RATIO = 1.3  # stated over observed; less is harmless, and 1.5 times always exceeds it
 LEVEL = 1e-3  # significance level for all comparisons of a run together

@@ -17,8 +17,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import NotObserved
 from inercal.basics.units import format_count
 from inercal.estimation.problem import Problem
-from inercal.estimation.singular_values import svd
-from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem
+from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem, svd
 
 # Relative to the largest singular value. Rounding leaves about 1e-14; a direction with so small a
 # singular value is not usable on any bench.

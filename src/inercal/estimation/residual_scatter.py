@@ -31,7 +31,7 @@ import scipy
 
 from inercal.basics.arrays import Array
 from inercal.estimation.scores import chi2_tail_probability
-from inercal.estimation.singular_values import column_lengths
+from inercal.estimation.whitened_problem import column_lengths
 
 _LEVEL = 0.95
 _CALM = 0.99  # a share chosen by chance would understate the noise

@@ -24,7 +24,7 @@ from inercal.export.term_kinds import LINEAR, kinds_of
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors import Axis, Readout, Sensor, axes_along
-from inercal.physics.sensors.sensed_motion import case_letters
+from inercal.physics.sensors.axis import case_letters
 
 UNMEASURED = "unmeasured "
 """Start of the names of axes that complete a triad, such as "unmeasured fx"."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.estimation.singular_values import column_lengths
+from inercal.estimation.whitened_problem import column_lengths
 from inercal.noise.numerics import nonnegative_least_squares, pseudo_inverse, root_between
 from inercal.noise.spectrum import Bins
 

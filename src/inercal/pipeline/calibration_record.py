@@ -23,7 +23,7 @@ from inercal.basics.parameters import Parameter
 from inercal.basics.units import ZERO_CELSIUS, format_count
 from inercal.calibration import SharedError, Validity
 from inercal.calibration.bench_estimates import BenchEstimate
-from inercal.calibration.simulated import SIMULATED
+from inercal.calibration.calibration import SIMULATED
 from inercal.calibration.type_prior import load_type_prior
 from inercal.calibration.validity import Range
 from inercal.estimation import Estimate

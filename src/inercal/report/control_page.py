@@ -13,13 +13,15 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.estimation.uncertainty.control_charts import KINDS, LastingKind
 from inercal.laboratory.check_standard import ControlCharts
-from inercal.laboratory.check_standard.bench_chart_texts import (
+from inercal.laboratory.check_standard.bench_charts import BenchCharts
+from inercal.laboratory.check_standard.chart_texts import (
     bench_lines,
+    control_lines,
+    day,
     day_signals,
     newest_statistics,
+    signal_text,
 )
-from inercal.laboratory.check_standard.bench_charts import BenchCharts
-from inercal.laboratory.check_standard.chart_texts import control_lines, day, signal_text
 from inercal.laboratory.store import CalibrationEntry
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg

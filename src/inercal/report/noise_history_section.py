@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.laboratory.check_standard.chart_texts import day
 from inercal.laboratory.store.entries import SensorEntry
+from inercal.laboratory.store.history_text import change_lines, trend_rows
 from inercal.laboratory.store.noise_history import NoiseEntry, NoiseTrend, noise_trends
-from inercal.laboratory.store.noise_history_text import change_lines, trend_rows
 from inercal.report import drawing
 from inercal.report.drawing import FAINT, INK, MUTED, WARN, X, Y, Z, svg
 from inercal.report.report_tables import sentence_with_index, typeset_minus

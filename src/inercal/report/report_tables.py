@@ -17,10 +17,9 @@ from inercal.calibration.suspect_text import format_component, p_value_text
 from inercal.estimation import Estimate, ScoreTest
 from inercal.estimation.uncertainty import value_and_jacobian
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.physics.magnetic_heading import level_attitudes
+from inercal.physics.magnetism import axis_names, field_matrix, level_attitudes, split_matrix
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0
-from inercal.physics.soft_iron import axis_names, field_matrix, split_matrix
 from inercal.pipeline import Outcome
 from inercal.pipeline.outcome import true_coefficients
 

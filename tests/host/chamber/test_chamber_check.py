@@ -11,11 +11,11 @@ from tests.host.chamber.simulated_f4t import SimulatedF4t
 from tests.refusals import refused
 
 from inercal.host.driver_check import CheckResult, check_driver
-from inercal.host.driver_check.chamber_checks import CHAMBER_CHECKS
+from inercal.host.driver_check.instrument_checks import CHAMBER_CHECKS
 from inercal.host.drivers.scpi_chamber import ScpiChamber, open_scpi_chamber
 from inercal.host.equipment import CHAMBERS, ChamberState
 from inercal.host.link import LinkLost, open_link
-from inercal.host.sim.scpi_chamber import SimulatedScpiChamber
+from inercal.host.sim.chamber import SimulatedScpiChamber
 from inercal.host.sim.server import SimulatorServer, SteppingClock
 
 TIMEOUT = 0.4  # s; a busy machine keeps a reply waiting

@@ -13,7 +13,7 @@ from tests.refusals import refused
 from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.equipment import Chamber, open_chamber
 from inercal.host.link import LINKS, LinkLost
-from inercal.host.sim.scpi_chamber import SimulatedScpiChamber
+from inercal.host.sim.chamber import SimulatedScpiChamber
 from inercal.host.sim.server import SimulatorServer
 
 START = 298.15

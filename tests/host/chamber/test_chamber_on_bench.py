@@ -13,7 +13,7 @@ from inercal.host import devices
 from inercal.host.clock import SimulatedClock
 from inercal.host.equipment import open_chamber
 from inercal.host.sim.bench_simulator import BenchDevice, ClockServer, GrantedClock
-from inercal.host.sim.scpi_chamber import SimulatedScpiChamber
+from inercal.host.sim.chamber import SimulatedScpiChamber
 from inercal.host.sim.server import SimulatorServer
 from inercal.host.sim.simulated_errors import draw_errors
 from inercal.runfile import read

@@ -7,8 +7,7 @@ import pytest
 from tests.host.correction.cases import HEADER, NAMED, NUMBERED, lines, run_of
 from tests.refusals import refused
 
-from inercal.host.correction.packet_rows import ArrivedPackets
-from inercal.host.correction.rows import ArrivedRows
+from inercal.host.correction.rows import ArrivedPackets, ArrivedRows
 from inercal.host.correction.text_rows import TextRows
 from inercal.host.packets import encode, read_layout
 

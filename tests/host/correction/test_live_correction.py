@@ -22,8 +22,7 @@ from tests.refusals import refused
 
 from inercal.calibration.files import save
 from inercal.host.correction import LiveCorrection, LiveSummary, open_correction
-from inercal.host.correction.formats import FORMATS, csv_format
-from inercal.host.correction.outputs import Output, TcpOutput
+from inercal.host.correction.outputs import FORMATS, Output, TcpOutput, csv_format
 from inercal.host.correction.sources import Source
 from inercal.host.correction.text_rows import TextRows
 from inercal.host.link import LinkLost

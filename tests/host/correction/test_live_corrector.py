@@ -9,7 +9,7 @@ from tests.host.correction.cases import HEADER, NAMED, NUMBERED, calibration_of,
 from tests.refusals import refused
 
 from inercal.calibration.validity import Validity
-from inercal.host.correction.formats import csv_format
+from inercal.host.correction.outputs import csv_format
 from inercal.host.correction.text_rows import TextRows
 from inercal.pipeline import apply
 from inercal.pipeline.correction import as_written, significant

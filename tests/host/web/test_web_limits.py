@@ -47,7 +47,7 @@ def test_a_body_of_100_megabytes_is_refused_before_it_is_read(served: Served, wa
 def test_a_body_that_does_not_come_is_not_waited_for(
     served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("inercal.host.web.request_bodies._TIMEOUT", 0.1)
+    monkeypatch.setattr("inercal.host.web.json_objects._TIMEOUT", 0.1)
     own = {"Host": served.host, "Origin": f"http://{served.host}", "Content-Length": "10"}
     assert served.ask("/api/probe", "POST", None, own).status == 408
     served.was_refused("did not arrive within")

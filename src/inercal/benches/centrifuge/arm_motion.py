@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.benches.arm_directions import outward_and_up_directions
+from inercal.benches.arm import outward_and_up_directions
 from inercal.benches.contract import MeanMotion
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.frames import exp_so3, left_jacobian, skew

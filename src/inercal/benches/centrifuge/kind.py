@@ -1,26 +1,126 @@
-"""A precision centrifuge, as a kind of bench."""
+"""A precision centrifuge, as a kind of bench.
+
+Its worksheet lists the dwells at each rate, attitude by attitude.
+"""
 
 from collections.abc import Sequence
-from math import degrees
+from math import degrees, pi
 
 import numpy as np
 
-from inercal.basics.units import Measured
-from inercal.benches.centrifuge.arm_motion import sensed_motion
+from inercal.basics.units import Measured, format_duration
+from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.centrifuge.settings import CentrifugeData, CentrifugeSection, build
-from inercal.benches.centrifuge.sheet import sheet
-from inercal.benches.centrifuge.simulation import arm_plan_duration, simulate_arm_motion
+from inercal.benches.centrifuge.simulation import (
+    arm_plan_duration,
+    head_angles_of_attitude,
+    simulate_arm_motion,
+)
 from inercal.benches.kind_definition import Effect, Kind, simulate_without_sensor
+from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.benches.report_data import (
     MeasuredDirection,
     ReportInput,
     describe_spin,
     measured_direction,
 )
-from inercal.physics.plan import Spin
+from inercal.physics.plan import Spin, describe_direction
+from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import G0
 from inercal.recordings.data import EstimatorInput, RunBase
+from inercal.recordings.data.recording_loader import readback_units
+
+
+def sheet(run: RunBase[CentrifugeData]) -> Sheet:
+    """Return the worksheet with the dwells of a run's plan.
+
+    Raises
+    ------
+    InputError
+        The run file states no plan, or the platform turns against the arm.
+    """
+    data, bench = run.data, run.bench
+    if bench.platform != "locked":
+        raise key_error(
+            "[bench] platform",
+            f"{bench.platform!r} needs a recording instead of a table of means: over a dwell the "
+            "mean of the arm's acceleration is zero",
+            run.path,
+        )
+    if not run.has_plan_keys:
+        raise key_error(
+            "[method] rates",
+            'is missing: state the rates of the arm, such as rates = ["60 rpm", "120 rpm"]',
+            run.path,
+        )
+    steps, sizes = _by_attitude(run), readback_units(run)
+    positions = attitude_names(steps)
+    names = {step.label: positions[step.attitude].removesuffix("_r1") for step in steps}
+    stated = {name: np.array(p.value) for name, p in bench.acting_parameters(steps).items()}
+    rows: list[SheetRow] = []
+    for k, (step, f) in enumerate(
+        zip(steps, sensed_motion(bench, steps, stated).f, strict=True), start=1
+    ):
+        assert step.attitude is not None
+        name, rpm = names[step.label], step.rate * 30 / pi
+        angles = head_angles_of_attitude(step)
+        out, up = (describe_direction(one) for one in (step.attitude.out, step.attitude.up))
+        reads = [f"{x + 0.0:+.3f}".replace("-", "−") for x in np.asarray(f / G0).round(3).tolist()]
+        head = [f"{round(angle / sizes[key], 9) + 0.0:.12g}" for key, angle in _head(data, angles)]
+        given = [name] * (data.label is not None) + head
+        rows.append(
+            SheetRow(
+                step.label,
+                (str(k), name, *head, out, up, f"{rpm:.6g}", f"{step.seconds:.6g} s", *reads),
+                step.seconds,
+                name,
+                (*given, f"{step.rate / sizes['arm_rate']:.12g}"),
+                {"position": name, "out": out, "up": up, "rpm": rpm, "felt": f.tolist()},
+            )
+        )
+    duration = arm_plan_duration(bench, steps)
+    head_units = [f"{name}, {data.attitude_unit}" for name in ("ψ", "θ")]
+    return Sheet(
+        f"{len(rows)} dwells in {len(positions)} attitudes, "
+        f"{format_duration(duration)} in all, including spin-up and spin-down",
+        (
+            ROW,
+            Heading("position"),
+            *[Heading(text, align_right=True) for text in head_units if data.attitude is not None],
+            Heading("outwards"),
+            Heading("up"),
+            Heading("r/min", align_right=True),
+            DURATION,
+            *(Heading(f"{axis}, g", align_right=True) for axis in run.sensor.channels),
+        ),
+        tuple(rows),
+        (
+            "Measure all rates of an attitude before you change it.",
+            "At each rate wait until it is steady, then average the readings over whole turns.",
+            "The printed readings are those of a sensor without errors. Use them to check the axes "
+            "and signs.",
+            "Remove the row of a failed dwell from the file.",
+            "The duration includes spin-up and spin-down of the arm at "
+            f"{bench.acceleration:.3g} rad/s² ([bench] max_acceleration) and the time to settle "
+            "before each dwell, but not the changes of attitude.",
+        ),
+        (data.label, *(data.attitude or ()), data.arm_rate, *data.accelerometer),
+        seconds_between=duration - sum(step.seconds for step in steps),
+    )
+
+
+def _by_attitude(run: RunBase[CentrifugeData]) -> list[Spin]:
+    """Return the dwells of the plan grouped by attitude, otherwise in the order of the plan."""
+    steps = [step for step in run.steps if isinstance(step, Spin)]
+    order = {attitude: k for k, attitude in enumerate(attitude_names(steps))}
+    return sorted(steps, key=lambda step: order[step.attitude])
+
+
+def _head(data: CentrifugeData, angles: Sequence[float]) -> list[tuple[str, float]]:
+    """Return the angles of the two-axis head by name, rad, if the table has them."""
+    return [] if data.attitude is None else list(zip(("psi", "theta"), angles, strict=True))
+
 
 _NONE = Measured(0.0, 0.0)
 

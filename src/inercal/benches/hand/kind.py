@@ -1,29 +1,184 @@
-"""Calibration by hand, as a kind of bench: its section of the run file and its directions."""
+"""Calibration by hand, as a kind of bench: its section of the run file and its directions.
 
+[bench] may state the magnetic field: strength, dip and hemisphere.
+
+The worksheet lists holds and turns. The duration of a turn by hand is not known in advance. The
+operator fills it in, because the mean rate depends on it. The duration of a hold has no effect on
+the result, so the sheet prints the planned duration.
+"""
+
+import re
 from collections.abc import Sequence
-from math import degrees
+from math import degrees, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured
 from inercal.benches.contract import SensorSimulation
 from inercal.benches.hand.bench import Hand
-from inercal.benches.hand.magnetic_field import stated_dip, stated_field
-from inercal.benches.hand.sheet import sheet
 from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.kind_definition import Effect, Kind
+from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.benches.stated_axes import any_axes
-from inercal.physics.plan import HandStep, Hold, Turn
-from inercal.physics.section_settings import BenchSection, BenchUsage, optional, section_constant
+from inercal.physics.magnetism import EARTH_FIELD, POSSIBLE_FIELD, unit_hint
+from inercal.physics.plan import HandStep, Hold, Turn, with_second_azimuths
+from inercal.physics.section_settings import (
+    BenchSection,
+    BenchUsage,
+    key_error,
+    measured_constant,
+    optional,
+    section_constant,
+)
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording
 from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
 
 if TYPE_CHECKING:
+    from inercal.benches.operator_sheet import Sheet
     from inercal.recordings.segments import RestDetection
+
+
+def sheet(run: RunBase[RestsSection]) -> Sheet:
+    """Return the worksheet with the holds and turns of a run's plan."""
+    data = run.data
+    steps: list[HandStep] = [step for step in run.steps if isinstance(step, Hold | Turn)]
+    if run.magnetometer is not None and not run.method.unknown_attitudes:
+        steps = with_second_azimuths(steps)
+    rows = tuple(
+        SheetRow(
+            step.label,
+            (str(k), step.label, _words(step), f"{step.seconds:g} s"),
+            step.seconds,
+            "turns" if isinstance(step, Turn) else "holds",
+            (step.label, *_stated_duration(step, data)),
+            {"what": _words(step)},
+        )
+        for k, step in enumerate(steps, start=1)
+    )
+    turns = sum(isinstance(step, Turn) for step in steps)
+    kinds = f"{len(steps) - turns} positions" + f" and {turns} turns" * bool(turns)
+    gyro = data.gyro if run.sensor.select_axes("w").axes else ()
+    field = data.magnetometer if run.magnetometer is not None else ()
+    return Sheet(
+        f"{kinds}, {sum(step.seconds for step in steps):.0f} s in all",
+        (ROW, Heading("label"), Heading("set to"), DURATION),
+        rows,
+        _operator_notes(run, turns=bool(turns)),
+        (data.label, data.seconds, *data.accelerometer, *gyro, *field),
+        units={} if data.seconds is None else {str(data.seconds): "s"},
+        table_error=_table_error(run, turns=bool(turns)),
+    )
+
+
+def _words(step: HandStep) -> str:
+    return step.describe().replace("-", "−")
+
+
+def _stated_duration(step: HandStep, data: RestsSection) -> tuple[str, ...]:
+    if data.seconds is None or isinstance(step, Turn):
+        return ()
+    return (f"{step.seconds:.12g}",)
+
+
+def _operator_notes(run: RunBase[RestsSection], *, turns: bool) -> tuple[str, ...]:
+    found = [
+        "Up is the direction in which an axis reads plus 1 g at rest.",
+        "Average the readings at rest, without touching the sensor.",
+    ]
+    if turns:
+        found.append(
+            "A turn begins and ends at rest, with its axis up; note its duration and the means of "
+            "all readings from rest to rest. A positive angle is counter-clockwise seen from above."
+        )
+    if run.magnetometer is not None:
+        found.append("Keep the sensor at one place, away from iron and currents.")
+        if not run.method.unknown_attitudes:
+            found.append('For "(2)", turn the sensor on its face by about 180° about the vertical.')
+    if run.method.unknown_attitudes:
+        found.append("The attitudes may differ from those in the plan.")
+    return (*found, "The steps may be done in any order.")
+
+
+def _table_error(run: RunBase[RestsSection], *, turns: bool) -> InputError | None:
+    """Return the error if a table of means is not sufficient or has no column for a value."""
+    if run.method.unknown_attitudes and run.sensor.select_axes("w").axes:
+        return key_error(
+            "[sensor.gyro]",
+            f"a table of means has no rotations, which {run.method.name} needs for the gyros; "
+            "remove [sensor.gyro], or make a recording",
+            run.path,
+        )
+    for key, needed in (("label", True), ("seconds", turns)):
+        if needed and getattr(run.data, key) is None:
+            return key_error(
+                f"[data] {key}", "is missing: name its column in the worksheet", run.path
+            )
+    return None
+
+
+_NUMBER = re.compile(r"\s*[+-]?\d+(\.\d*)?([eE][+-]?\d+)?")
+_MOST = 0.2  # largest relative uncertainty; a less certain strength is of no use
+_CLEAR = 3.0  # standard uncertainties
+
+
+def stated_field(text: str | None) -> Measured | None:
+    """Return the strength of the field, T; None if it is not stated.
+
+    Raises
+    ------
+    InputError
+        The text is no flux density, or one that the Earth does not have anywhere.
+    """
+    if text is None:
+        return None
+    key = "[bench] field"
+    field = measured_constant(text, "T", key)
+    low, high = (f"{1e6 * end:.0f}" for end in EARTH_FIELD)
+    if not POSSIBLE_FIELD[0] <= field.value <= POSSIBLE_FIELD[1]:
+        number = _NUMBER.match(text)
+        hint = unit_hint(abs(float(number[0]))) if number else ""
+        raise key_error(
+            key, f"{text!r} is not possible; the Earth's field is {low} to {high} µT{hint}"
+        )
+    if field.sd > _MOST * field.value:
+        raise key_error(
+            key, f"{text!r} is too uncertain to be of use; remove it, and the field is estimated"
+        )
+    return field
+
+
+def stated_dip(text: str | None, hemisphere: str | None) -> Measured | None:
+    """Return the dip of the field, rad; None if it is not stated.
+
+    Raises
+    ------
+    InputError
+        The text is no angle up to 90°, or it contradicts the hemisphere.
+    """
+    if text is None:
+        return None
+    key = "[bench] dip"
+    dip = measured_constant(text, "°", key)
+    if abs(dip.value) > pi / 2:
+        raise key_error(key, f"{text!r} is not possible; give an angle from −90° to 90°")
+    down = dip.value > 0
+    if (
+        hemisphere is not None
+        and abs(dip.value) > _CLEAR * dip.sd
+        and down != (hemisphere == "north")
+    ):
+        raise key_error(
+            key,
+            f'{text!r} contradicts hemisphere = "{hemisphere}"; the dip is positive where the '
+            "field points downwards, as in the north",
+        )
+    return dip
 
 
 @add_bench_keys(Hand, after={"field": "turn_on"})
@@ -121,6 +276,13 @@ def _rests(run: RunBase[RestsSection], recording: Recording) -> "RestDetection":
     return refused_recording_rests(run, recording)
 
 
+def _sheet(run: RunBase[RestsSection]) -> "Sheet":
+    """Return the worksheet."""
+    from inercal.benches.hand.sheet import sheet
+
+    return sheet(run)
+
+
 def simulate(
     bench: Hand,
     steps: Sequence[HandStep],
@@ -152,7 +314,7 @@ KIND = Kind(
         Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), affects_rates=True),
     ),
     audit=_audit,
-    sheet=sheet,
+    sheet=_sheet,
     rests=_rests,
     sensor=any_axes,
     directions=directions,

@@ -7,7 +7,7 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_number
-from inercal.physics.magnetic_units import POSSIBLE_FIELD, unit_hint
+from inercal.physics.magnetism import POSSIBLE_FIELD, unit_hint
 from inercal.physics.plan import HandStep, Hold
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import output_unit

@@ -2,26 +2,100 @@
 
 Between steps the sensor moves smoothly (minimum jerk) from one attitude to the next. Samples during
 a hold or a turn have its label; samples during a move have an empty label.
+
+At an upward direction u the field of the Earth is B (cos δ e − sin δ u), where δ is the dip and e
+the horizontal direction of magnetic north. If the sensor turns by an angle, the field turns by the
+opposite angle in its frame.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import pi, radians
 
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.units import Measured
 from inercal.benches.contract import SimulatedMotion, concatenate_motions
 from inercal.benches.hand.bench import (
     Hand,
+    face_label,
     hold_tilt,
     sensed_motion,
     tangent_vectors,
     tilted_direction,
+    visit_number,
 )
-from inercal.benches.hand.field_simulation import FieldSimulation
-from inercal.benches.hand.rotations import rotate_vectors, shortest_rotation
 from inercal.physics.motion import Motion
 from inercal.physics.plan import HandStep, Hold, Turn
+
+
+def shortest_rotation(start: Array, end: Array) -> tuple[Array, Array]:
+    """Return the rotation from start to end: its axis, (trials, 3), and angle, (trials,)."""
+    axis = np.cross(start, end)
+    size = np.linalg.norm(axis, axis=-1, keepdims=True)
+    aside = np.cross(start, np.eye(3)[np.argmin(np.abs(start[0]))])
+    axis = np.where(size > 1e-12, axis, aside)  # to the opposite face about any level axis
+    axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+    return axis, np.arctan2((np.cross(start, end) * axis).sum(-1), (start * end).sum(-1))
+
+
+def rotate_vectors(axis: Array, angles: Array, vector: Array) -> Array:
+    """Rotate a vector about an axis by angles, (trials, n), and return (trials, n, 3)."""
+    cos, sin = np.cos(angles)[..., None], np.sin(angles)[..., None]
+    along = axis * (axis * vector).sum(-1, keepdims=True)
+    return along[:, None] + (vector - along)[:, None] * cos + np.cross(axis, vector)[:, None] * sin
+
+
+_STRENGTH, _DIP = Measured(50e-6, 0.0), Measured(radians(65), 0.0)  # in the middle of Europe
+_AZIMUTHS = (0.0, pi, pi / 2, -pi / 2)  # of repeated visits to a face
+
+
+class FieldSimulation:
+    """The field in the sensor's frame, from step to step, (trials, n, 3) T.
+
+    Parameters
+    ----------
+    bench : Hand
+    rng : Generator
+    trials : int
+    carried : bool
+        Whether the azimuth follows the motion. Otherwise each face has a random azimuth, to which
+        repeated visits add 180°, 90° and −90°.
+    """
+
+    def __init__(self, bench: Hand, rng: np.random.Generator, trials: int, *, carried: bool):
+        self._rng, self._trials, self._carried = rng, trials, carried
+        strength, dip = bench.field or _STRENGTH, bench.dip or _DIP
+        self._strength = rng.normal(strength.value, strength.sd, (trials, 1))
+        sign = -1.0 if bench.dip is None and bench.dip_sign < 0 else 1.0
+        self._dip = sign * rng.normal(dip.value, dip.sd, (trials, 1))
+        self._north: dict[str, Array] = {}
+        self._field: Array | None = None
+
+    def at_step(self, step: HandStep, up: Array, angles: Array) -> Array:
+        """Return the field during a step in which the sensor turns about `up` by `angles`."""
+        if self._field is None or not self._carried:
+            face = face_label(step.label)
+            if face not in self._north:
+                self._north[face] = self._rng.uniform(-pi, pi, self._trials)
+            visit = (visit_number(step.label) - 1) % len(_AZIMUTHS)
+            azimuth = (self._north[face] + _AZIMUTHS[visit])[:, None]
+            d = tangent_vectors(up)
+            level = np.cos(azimuth) * d[..., 0, :] + np.sin(azimuth) * d[..., 1, :]
+            self._field = self._strength * (np.cos(self._dip) * level - np.sin(self._dip) * up)
+        found = rotate_vectors(up, -angles, self._field)
+        self._field = found[:, -1]
+        return found
+
+    def during_move(self, start: Array, end: Array, travelled: Array) -> Array:
+        """Return the field during a move, of which each sample has travelled some part, (n,)."""
+        assert self._field is not None
+        axis, angle = shortest_rotation(start, end)
+        found = rotate_vectors(axis, angle[:, None] * np.append(travelled, 1.0), self._field)
+        self._field = found[:, -1]
+        return found[:, :-1]
+
 
 MOVE_SECONDS = 2.0
 PAUSE_SECONDS = 1.5  # unlabelled rest before and after a turn

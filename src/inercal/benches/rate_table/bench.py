@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
 from inercal.basics.units import Measured
-from inercal.benches.arm_directions import outward_and_up_directions
+from inercal.benches.arm import outward_and_up_directions
 from inercal.benches.contract import MeanMotion, NoReadingOffsets, require_possible_values
 from inercal.benches.key_declarations import (
     declarations,

@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.benches.arm_directions import outward_and_up_directions
+from inercal.benches.arm import outward_and_up_directions
 from inercal.benches.motion_control import MotionControl, SensedMotion, SpinTask
 from inercal.benches.rate_table.bench import RateTable, mounting_names, speed_names
 from inercal.benches.rate_table.fixture import PLANES, group_by_mounting, is_tilted

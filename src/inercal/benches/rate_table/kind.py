@@ -1,15 +1,165 @@
-"""A plain rate table, as a kind of bench."""
+"""A plain rate table, as a kind of bench, with its report and its worksheet.
 
+The report shows the errors of each axis by speed, and the states found in a recording. The table of
+states has the rate in r/min and the readings of three axes, with one row per state in the order of
+time. With kind = "means" and the table's name in [data] file, the same run file calibrates from it.
+Rows are then weighted by their own standard deviations. The table contains neither correlations of
+the noise between axes nor drift between rows.
+"""
+
+from collections.abc import Sequence
+from math import pi
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.units import format_duration
 from inercal.benches.kind_definition import Kind, Vocabulary, simulate_without_sensor
-from inercal.benches.rate_table.bench import RateTable
+from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
+from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion
 from inercal.benches.rate_table.driving import MOTION_CONTROL
-from inercal.benches.rate_table.report import output_tables, plots
+from inercal.benches.rate_table.fixture import PLANES, group_by_mounting, is_tilted
 from inercal.benches.rate_table.settings import RateTableData, RateTableSection, build
-from inercal.benches.rate_table.sheet import sheet
 from inercal.benches.rate_table.simulation import simulate_table_motion, table_plan_duration
-from inercal.benches.report_data import describe_spin
-from inercal.physics.plan import Spin
+from inercal.benches.report_data import Columns, Panel, Plot, ReportInput, Series, describe_spin
+from inercal.physics.plan import Hold, Spin
+from inercal.physics.sensors import G0
 from inercal.recordings.data import EstimatorInput, RunBase
+from inercal.recordings.data.recording_loader import (
+    readback_columns,
+    readback_units,
+    unsigned_column,
+)
+from inercal.recordings.io.mean_tables import SD_SUFFIX
+
+
+def sheet(run: RunBase[RateTableData]) -> Sheet:
+    """Return the worksheet with the states of a run, grouped by mounting and sorted by speed."""
+    planned = [step for step in run.steps if isinstance(step, Spin)]
+    steps = [step for own in group_by_mounting(planned) for step in own]
+    names, data, size = mounting_names(steps), run.data, readback_units(run)["arm_rate"]
+    rows: list[SheetRow] = []
+    result = sensed_motion(run.bench, steps, {}).f
+    for k, (name, step, f) in enumerate(zip(names, steps, result, strict=True), start=1):
+        assert step.attitude is not None
+        rpm, up = step.rate * 30 / pi, Hold("", step.attitude.up, 0.0).describe()
+        reads = [f"{x + 0.0:+.3f}".replace("-", "−") for x in np.asarray(f / G0).round(3).tolist()]
+        rows.append(
+            SheetRow(
+                step.label,
+                (str(k), name, up, f"{rpm:.4g}", f"{step.seconds:g} s", *reads),
+                step.seconds,
+                name,
+                (name, f"{step.rate / size:.12g}"),
+                {"mounting": name, "up": up, "rpm": rpm, "felt": f.tolist()},
+            )
+        )
+    return Sheet(
+        f"{len(rows)} states, {format_duration(sum(step.seconds for step in steps))} in all",
+        (
+            ROW,
+            Heading("mounting"),
+            Heading("up"),
+            Heading("r/min", align_right=True),
+            DURATION,
+            *(Heading(f"{channel}, g", align_right=True) for channel in run.sensor.channels),
+        ),
+        tuple(rows),
+        _operator_notes(steps, names),
+        (data.mounting, data.arm_rate, *data.accelerometer),
+    )
+
+
+def _operator_notes(steps: Sequence[Spin], names: Sequence[str]) -> tuple[str, ...]:
+    level = ", ".join(
+        f"{plane} is {centre} to the centre and {up} up"
+        for plane, (centre, up) in PLANES.items()
+        if any(name.startswith(plane) for name in names)
+    )
+    notes = [f"Mountings: {level}."]
+    if any(is_tilted(step) for step in steps):
+        notes.append(
+            "XY 30 is XY tilted by 30° about the tangential direction, so that the axis toward the "
+            "centre rises. Check which axis is up."
+        )
+    return (
+        *notes,
+        "Do not change a mounting until all its speeds are measured, because its angles and its "
+        "radius must stay the same.",
+        "At each speed wait until the rate is steady, then average the readings over whole turns.",
+        "The printed readings are those of a sensor without errors. Use them to check the axes and "
+        "signs.",
+        "Remove the row of a failed state from the file.",
+    )
+
+
+_MG = 1e-3 * G0
+
+
+def plots(shown: ReportInput) -> tuple[Plot, ...]:
+    """Plot the deviations from the nominal motion by rate, as in Figs. 3 to 9 of the source."""
+    spins = [step for step in shown.steps if isinstance(step, Spin)]
+    nominal = sensed_motion(shown.bench, spins, {}).f
+    before, after = shown.observations.mean - nominal, shown.sensed_motion().f - nominal
+    rates = np.array([abs(step.rate) for step in spins]) * 30 / pi
+    panels = tuple(
+        Panel(
+            channel,
+            "r/min",
+            (
+                Series(rates, before[:, k] / _MG, "as read", hollow=True),
+                Series(rates, after[:, k] / _MG, "corrected"),
+            ),
+        )
+        for k, channel in enumerate(shown.observations.channels)
+    )
+    return (
+        Plot(
+            "speeds",
+            "Deviations of each axis by speed, before and after correction",
+            "Readings of each axis minus the nominal motion in the state, before and after "
+            "correction. An error that all speeds of a mounting share comes from its angles.",
+            "reading − nominal, mg",
+            panels,
+        ),
+    )
+
+
+def output_tables(run: RunBase[RateTableData], outcome: ReportInput) -> dict[str, Columns]:
+    """Return the table "states" of a recording; a table of means has none.
+
+    The columns for mounting, rate and axes have the names and units in the run's [data]. The
+    standard deviations of the means, the whole turns and the seconds follow.
+    """
+    recording, seen = outcome.recording, outcome.observations
+    if recording is None:
+        return {}
+    assert recording.labels is not None
+    order: list[int] = np.argsort([mark.start for mark in outcome.marks], kind="stable").tolist()
+    rates = [step.rate for step in outcome.steps if isinstance(step, Spin)]
+    sensor = outcome.sensor
+    mean = sensor.to_output(seen.mean)
+    scale = np.array([abs(axis.readout.scale) for axis in sensor.axes])
+    sd = np.sqrt(np.diagonal(seen.covariance, axis1=-2, axis2=-1)) * scale
+    data, size = run.data, readback_units(run)["arm_rate"]
+    turns = [round(abs(w) * t / (2 * pi)) for w, t in zip(rates, seen.duration, strict=True)]
+    mounting = [str(recording.labels[mark.start]).strip() for mark in outcome.marks]
+    axes = [unsigned_column(column) for column in data.accelerometer]
+    columns: dict[str, Sequence[str] | Sequence[float] | Sequence[int]] = {
+        str(data.mounting): [mounting[k] for k in order],
+        readback_columns(run)["arm_rate"]: _rounded(np.array(rates)[order] / size),
+    }
+    for suffix, values in (("", mean), (SD_SUFFIX, sd)):
+        columns |= {a + suffix: _rounded(values[order, k]) for k, a in enumerate(axes)}
+    columns["turns"] = [turns[k] for k in order]
+    columns["seconds"] = _rounded(seen.duration[order])
+    return {"states": columns}
+
+
+def _rounded(values: Array) -> list[float]:
+    """Round numbers to twelve digits, which avoids "45.99999999999999"."""
+    return [float(f"{value:.12g}") for value in values]
+
 
 _UNJUDGED = (
     "the nominal motion (for a tilted state, its norm) minus the motion computed from one reading"

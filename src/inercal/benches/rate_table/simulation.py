@@ -20,7 +20,7 @@ from math import pi
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.benches.arm_directions import outward_and_up_directions
+from inercal.benches.arm import outward_and_up_directions
 from inercal.benches.contract import SimulatedMotion, concatenate_motions
 from inercal.benches.rate_table.bench import RateTable, mounting_names, speed_names
 from inercal.benches.rate_table.fixture import group_by_mounting

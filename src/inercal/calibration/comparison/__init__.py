@@ -3,6 +3,7 @@
 Both calibrations are first converted to the same axes, nominal readout, model form and body frame.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -275,3 +276,25 @@ def fixed_coefficients(calibration: Calibration) -> frozenset[str]:
 def recording_sha256(calibration: Calibration) -> str:
     """Return the SHA-256 hash of a calibration's recording; empty if it is not stated."""
     return calibration.provenance.get("recording sha256", "")
+
+
+def largest_change(
+    calibration: Calibration, names: Sequence[str], values: Array, u: Array
+) -> float:
+    """Return the largest difference of a value or u from the stored one, in units of the stored u.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    names : sequence of str
+        Names of the stored coefficients. If the calibration has other names, the result is inf.
+    values, u : (p,) array
+        Stored values and standard uncertainties, SI.
+    """
+    if tuple(calibration.sensor.coefficients) != tuple(names):
+        return float("inf")
+    changes = np.abs([calibration.values - values, calibration.std - u])
+    known = u > 0
+    if np.any(changes[:, ~known] > 0):
+        return float("inf")
+    return float(np.max(changes[:, known] / u[known], initial=0.0))

@@ -26,8 +26,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from inercal.basics.arrays import Array, Bools
-from inercal.estimation.uncertainty.cusum import cusum_limit, cusum_sums
-from inercal.estimation.uncertainty.run_lengths import chart_limit, wider_limit
+from inercal.estimation.uncertainty.cusum import chart_limit, cusum_limit, cusum_sums, wider_limit
 
 ChartKind = Literal["Shewhart", "EWMA", "CUSUM", "T²", "MEWMA"]
 KINDS: tuple[ChartKind, ...] = get_args(ChartKind)

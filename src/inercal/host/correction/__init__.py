@@ -19,16 +19,15 @@ from inercal.basics.errors import InercalError, InputError
 from inercal.basics.units import format_count, format_duration
 from inercal.calibration import Calibration
 from inercal.host.addresses import layout_of_address, link_of_address
-from inercal.host.correction.formats import FORMATS
 from inercal.host.correction.outputs import (
+    FORMATS,
     MOST_WAITING,
     Output,
     OutputClosed,
     TcpOutput,
     open_output,
 )
-from inercal.host.correction.packet_rows import ArrivedPackets
-from inercal.host.correction.rows import ArrivedRows
+from inercal.host.correction.rows import ArrivedPackets, ArrivedRows
 from inercal.host.correction.sources import Source
 from inercal.host.correction.text_rows import TextRows, layout_of_file
 from inercal.host.link import LinkLost

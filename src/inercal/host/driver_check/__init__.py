@@ -14,9 +14,13 @@ from urllib.parse import urlsplit
 
 from inercal.basics.errors import InercalError, InputError
 from inercal.host.addresses import resolve_host, table_host
-from inercal.host.driver_check.chamber_checks import CHAMBER_CHECKS, ChamberProbe
 from inercal.host.driver_check.checks import CHECKS
-from inercal.host.driver_check.instrument_checks import INSTRUMENT_TIMEOUT, instrument_checks
+from inercal.host.driver_check.instrument_checks import (
+    CHAMBER_CHECKS,
+    INSTRUMENT_TIMEOUT,
+    ChamberProbe,
+    instrument_checks,
+)
 from inercal.host.driver_check.probe import CheckFailed, Probe
 from inercal.host.driver_check.relay import Relay
 from inercal.host.equipment import CHAMBERS, INSTRUMENTS, open_chamber

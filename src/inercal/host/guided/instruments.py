@@ -10,7 +10,7 @@ from time import monotonic
 from inercal.basics.closeable import Closeable, on_failure
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, si_factor
-from inercal.host.drivers.scpi_reply import numbers_in_reply
+from inercal.host.drivers.visa import numbers_in_reply
 from inercal.host.equipment import INSTRUMENTS, Reading, open_instrument
 from inercal.host.link import LINKS, Link, LinkLost, open_link
 

@@ -21,11 +21,11 @@ import numpy as np
 from inercal.basics.errors import InputError
 from inercal.benches.motion_control import SpinTask
 from inercal.host.sim import motion_link
+from inercal.host.sim.chamber import SimulatedScpiChamber
 from inercal.host.sim.faults import parse_number
 from inercal.host.sim.motion_link import MotionBlock
 from inercal.host.sim.motor import SimulatedMotor
 from inercal.host.sim.pmac import SimulatedPmac
-from inercal.host.sim.scpi_chamber import SimulatedScpiChamber
 from inercal.host.sim.server import ScaledClock, Session, SimulatorServer, execute_commands
 from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
 from inercal.runfile import read

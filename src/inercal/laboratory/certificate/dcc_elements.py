@@ -1,11 +1,47 @@
-"""Make the XML elements of a DCC; the XML library escapes all text."""
+"""Make the XML elements of a DCC; the XML library escapes all text.
+
+Few libraries of the extras have types, so their objects are `Any`.
+"""
 
 from collections.abc import Sequence
+from importlib import import_module
 from typing import Any
 
+from inercal.basics.errors import require_extra
 from inercal.basics.visible_text import visible_text
-from inercal.laboratory.certificate.libraries import certificate_library
 from inercal.laboratory.certificate.texts import Texts
+
+CERTIFICATE = ("certificate", "certificates need typst and lxml", ("typst", "lxml"))
+SIGNATURE = (
+    "signature",
+    "signing and verifying certificates needs pyHanko and signxml",
+    ("pyhanko", "signxml", "cryptography"),
+)
+
+
+def certificate_library(name: str) -> Any:
+    """Import a module of the extra "certificate".
+
+    Raises
+    ------
+    MissingExtra
+        If the extra is not installed.
+    """
+    with require_extra(*CERTIFICATE):
+        return import_module(name)
+
+
+def signature_library(name: str) -> Any:
+    """Import a module of the extra "signature".
+
+    Raises
+    ------
+    MissingExtra
+        If the extra is not installed.
+    """
+    with require_extra(*SIGNATURE):
+        return import_module(name)
+
 
 etree = certificate_library("lxml.etree")
 DCC_NAMESPACE = "https://ptb.de/dcc"

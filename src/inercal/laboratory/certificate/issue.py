@@ -25,9 +25,9 @@ from inercal.laboratory.certificate.content import (
     make_certificate,
 )
 from inercal.laboratory.certificate.dcc import calibration_bytes, write_dcc
-from inercal.laboratory.certificate.libraries import certificate_library
+from inercal.laboratory.certificate.dcc_elements import certificate_library
+from inercal.laboratory.certificate.dcc_reading import schema_defects
 from inercal.laboratory.certificate.pages import page_data
-from inercal.laboratory.certificate.schema import schema_defects
 from inercal.laboratory.certificate.signature import SigningKey, sign_dcc, sign_pdf
 from inercal.laboratory.certificate.texts import Language
 from inercal.laboratory.store import (

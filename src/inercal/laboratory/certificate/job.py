@@ -8,8 +8,7 @@ from pydantic import ValidationError
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_toml
 from inercal.physics.section_settings import Section
-from inercal.runfile.job import JobSection
-from inercal.runfile.laboratory_file import LaboratoryFile
+from inercal.runfile.job import JobSection, LaboratoryFile
 from inercal.runfile.validation_errors import schema_error
 
 _OF_JOB = ("customer", "customer_address", "serial_number", "condition", "measured")

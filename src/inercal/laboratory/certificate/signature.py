@@ -11,8 +11,7 @@ from typing import Any
 
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_small_file
-from inercal.laboratory.certificate.dcc_elements import etree
-from inercal.laboratory.certificate.libraries import signature_library
+from inercal.laboratory.certificate.dcc_elements import etree, signature_library
 
 _FIELD = "inercal_certificate"
 

@@ -15,10 +15,14 @@ import numpy as np
 from inercal.basics.errors import InercalError, InputError
 from inercal.basics.small_files import read_small_file
 from inercal.basics.units import format_value_and_uncertainty
-from inercal.laboratory.certificate.dcc_elements import etree, list_label
-from inercal.laboratory.certificate.dcc_reading import StatedCertificate, StatedResults, read_dcc
-from inercal.laboratory.certificate.libraries import signature_library
-from inercal.laboratory.certificate.schema import SIGNATURE_NAMESPACE, schema_defects
+from inercal.laboratory.certificate.dcc_elements import etree, list_label, signature_library
+from inercal.laboratory.certificate.dcc_reading import (
+    SIGNATURE_NAMESPACE,
+    StatedCertificate,
+    StatedResults,
+    read_dcc,
+    schema_defects,
+)
 from inercal.laboratory.store import Register
 
 _LARGEST = 64 << 20  # largest size of a certificate in bytes

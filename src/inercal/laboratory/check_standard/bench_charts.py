@@ -29,8 +29,8 @@ from inercal.estimation.uncertainty.control_charts import (
     chart_values,
     lasting_limit,
 )
+from inercal.estimation.uncertainty.cusum import chart_limit, wider_limit
 from inercal.estimation.uncertainty.repeated_measurements import restricted_variances
-from inercal.estimation.uncertainty.run_lengths import chart_limit, wider_limit
 from inercal.laboratory.check_standard.charts import (
     LEAST_DAYS,
     REFERENCE_DAYS,

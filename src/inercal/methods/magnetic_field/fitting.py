@@ -24,7 +24,6 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import format_count
 from inercal.estimation.nullspace import named_direction, row_echelon_form
-from inercal.methods.magnetic_field.orientation import oriented
 from inercal.methods.magnetic_field.records import (
     Directions,
     FieldConditions,
@@ -35,7 +34,7 @@ from inercal.methods.magnetic_field.records import (
 )
 from inercal.methods.magnetic_field.rows import FieldProblem, FieldState
 from inercal.methods.magnetic_field.solving import Solution, best_solution, solve, typical_sizes
-from inercal.methods.magnetic_field.starts import starts
+from inercal.methods.magnetic_field.starts import oriented, starts
 
 _LEAST_NODES = 7
 _LEAST_DOF = 5  # with fewer, a second set of coefficients fits as well in 1 % of cases

@@ -28,8 +28,8 @@ from inercal.basics.errors import InputError
 from inercal.methods.temperature_ramp import thermometer_steps
 from inercal.physics.sensors import Noise, Sensor
 from inercal.recordings import Track
-from inercal.recordings.segments.drift import even_drift_covariance
 from inercal.recordings.segments.reading_steps import reading_steps
+from inercal.recordings.segments.section_means import even_drift_covariance
 
 SHORTEST_BLOCK = 10.0  # s
 # Noise in the rate of the temperature biases the lag towards zero, so blocks are lengthened by

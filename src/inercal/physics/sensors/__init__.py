@@ -1,6 +1,6 @@
 """Sensor models: coefficient tables, exact forward model, inverse model and noise."""
 
-from inercal.physics.sensors.axis import Axis, Readout, output_unit
+from inercal.physics.sensors.axis import Axis, Noise, Readout, output_unit
 from inercal.physics.sensors.axis_model import Form
 from inercal.physics.sensors.catalogue import (
     Direction,
@@ -21,7 +21,6 @@ from inercal.physics.sensors.coefficient_tables import (
     ErrorTerm,
 )
 from inercal.physics.sensors.inverse import inverse
-from inercal.physics.sensors.noise import Noise
 from inercal.physics.sensors.sensor import Sensor
 
 __all__ = [

@@ -7,9 +7,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.physics.quantities import Measures
-from inercal.physics.sensors.axis import Axis, Readout
-from inercal.physics.sensors.noise import Noise
-from inercal.physics.sensors.sensed_motion import case_letters
+from inercal.physics.sensors.axis import Axis, Noise, Readout, case_letters
 from inercal.physics.sensors.sensor import Sensor
 
 # I and P of x, y, z: cyclic, so that O completes the frame (x → xyz, y → yzx, z → zxy)

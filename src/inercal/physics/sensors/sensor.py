@@ -17,12 +17,10 @@ from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS, Measures
-from inercal.physics.sensors.axis import Axis
-from inercal.physics.sensors.axis_model import MOTION_COMPONENTS, AxisResponse, Form
+from inercal.physics.sensors.axis import Axis, SensedMotion, motion_width, sensed_motion
+from inercal.physics.sensors.axis_model import MOTION_COMPONENTS, AxisResponse, Form, SimilarAxes
 from inercal.physics.sensors.coefficient_selection import select_coefficients
 from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
-from inercal.physics.sensors.sensed_motion import SensedMotion, motion_width, sensed_motion
-from inercal.physics.sensors.similar_axes import SimilarAxes
 
 
 class Linearisation(NamedTuple):

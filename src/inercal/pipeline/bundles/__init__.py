@@ -18,7 +18,7 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo, is_zipfile
 from inercal.basics.atomic_files import atomic_write
 from inercal.basics.errors import InputError
 from inercal.calibration import Calibration
-from inercal.calibration.comparison.recomputation import largest_change
+from inercal.calibration.comparison import largest_change
 from inercal.calibration.files import load
 from inercal.pipeline import Outcome, calibrate
 from inercal.pipeline.self_check import machine, versions

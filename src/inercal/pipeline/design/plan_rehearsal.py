@@ -1,4 +1,9 @@
-"""Expected uncertainties of a hand-held plan, from simulations of the plan."""
+"""Expected uncertainties of a hand-held plan, from simulations of the plan.
+
+They are those that the estimator of a run states for its plan. The readings are simulated for the
+declared bench, with the stated noise and priors (`inercal.pipeline.budget.virtual_experiment`). The
+data of the run are not read.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.parallel import Executor, SerialExecutor, in_order
 from inercal.benches.kind_definition import Simulate
 from inercal.estimation import Estimate, Gaussian
@@ -19,10 +24,7 @@ from inercal.physics.plan import Hold, Step, Turn, with_second_azimuths
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.pipeline import read_out
-from inercal.pipeline.design.expected_uncertainty import (
-    ExpectedUncertainty,
-    coefficient_uncertainties,
-)
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
 from inercal.recordings import Mark, Observations, Recording
 from inercal.recordings.data.recording_loader import stated_deviations
 from inercal.recordings.magnetic import MagneticReadings
@@ -33,6 +35,84 @@ from inercal.recordings.segments import (
 )
 from inercal.recordings.segments.magnetic_means import average_magnetometers, average_pieces
 from inercal.runfile import Run
+
+
+@dataclass(frozen=True)
+class ExpectedUncertainty:
+    """The expected uncertainty of a coefficient, or of the sum of two coefficients.
+
+    Parameters
+    ----------
+    name, meaning : str
+    unit : str
+        Unit in which the coefficient is printed.
+    size : float
+        Size of the unit in SI units.
+    std : float
+        Standard uncertainty, SI.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    size: float
+    std: float
+
+
+def estimate_of_plan(run: Run, rows: str) -> Estimate:
+    """Run the estimator on simulated readings of a run's plan, and return the estimate.
+
+    Parameters
+    ----------
+    run : Run
+        Run with known attitudes or with means.
+    rows : str
+        Word for the rows of the plan in messages, "positions" or "states".
+
+    Raises
+    ------
+    InputError
+        If no noise is stated, or the estimator gives no result for this plan.
+    NotObserved
+        If the plan does not determine all coefficients.
+    """
+    experiment = experiment_from_run(run, free_attitudes=run.data.kind == "means")
+    try:
+        estimate = experiment.estimate()
+    except NotObserved as error:
+        text = f"the plan of {len(run.steps)} {rows} does not determine the coefficients"
+        raise error.located(text).located(run.path) from None
+    except InputError as error:
+        raise error.located(run.path) from None
+    if not (np.all(estimate.converged) and np.isfinite(estimate.covariance).all()):
+        raise InputError(
+            f"{run.path}: estimator {run.estimator} has no result for this plan; check the stated "
+            "noise and [sensor.truth]",
+            file=run.path,
+        )
+    return estimate
+
+
+def estimated_uncertainties(estimate: Estimate, sensor: Sensor) -> tuple[ExpectedUncertainty, ...]:
+    """Return the expected uncertainty of each coefficient of the sensor."""
+    # The covariance is not scaled by the residuals, because the scatter of one draw of the noise
+    # says nothing about the plan.
+    std = np.sqrt(np.diagonal(estimate.covariance)[: len(sensor.coefficients)])
+    return coefficient_uncertainties(
+        sensor, dict(zip(sensor.coefficients, std.tolist(), strict=True))
+    )
+
+
+def coefficient_uncertainties(
+    sensor: Sensor, std: Mapping[str, float]
+) -> tuple[ExpectedUncertainty, ...]:
+    """Combine the coefficients of the sensor with standard uncertainties by name, SI."""
+    lines = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
+    return tuple(
+        ExpectedUncertainty(name, line.meaning, line.unit, line.si, std[name])
+        for name, line in lines
+    )
+
 
 SESSIONS = 5
 _SETTLING = 0.25  # s

@@ -22,7 +22,7 @@ from inercal.methods.turntable_kalman import METHOD as KALMAN
 from inercal.methods.turntable_kalman.combined_estimate import run_filter
 from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS, FILTER_KINDS
 from inercal.physics.plan import Position, TableStep
-from inercal.pipeline.design.expected_uncertainty import (
+from inercal.pipeline.design.plan_rehearsal import (
     ExpectedUncertainty,
     coefficient_uncertainties,
     estimated_uncertainties,

@@ -10,12 +10,12 @@ from inercal.benches.operator_sheet import Sheet
 from inercal.estimation import Estimate
 from inercal.methods.dual_orthogonal import well_determined_sums
 from inercal.physics.sensors import Sensor
-from inercal.pipeline.design.expected_uncertainty import (
+from inercal.pipeline.design.plan_rehearsal import (
     ExpectedUncertainty,
     estimate_of_plan,
     estimated_uncertainties,
+    magnetometer_uncertainties,
 )
-from inercal.pipeline.design.plan_rehearsal import magnetometer_uncertainties
 from inercal.recordings.data.recording_loader import refuse_repeated_columns
 from inercal.runfile import Run
 

@@ -16,7 +16,6 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.physics.section_settings import measured_constant
-from inercal.pipeline.drafts.arm_units import arm_rate_unit
 from inercal.pipeline.drafts.clock_keys import clock_keys, suggest_rate
 from inercal.pipeline.drafts.column_names import is_reversed
 from inercal.pipeline.drafts.column_roles import (
@@ -39,6 +38,7 @@ from inercal.pipeline.drafts.draft_entries import (
     with_typical_values,
 )
 from inercal.pipeline.drafts.draft_sections import (
+    arm_rate_unit,
     bench_keys,
     data_keys,
     deviation_key,

@@ -34,7 +34,7 @@ from inercal.pipeline.drafts.column_values import (
 )
 from inercal.pipeline.drafts.draft_entries import DraftKey
 from inercal.pipeline.drafts.file_parts import join_parts
-from inercal.pipeline.drafts.signed_columns import sign_columns
+from inercal.pipeline.drafts.rest_recording import sign_columns
 from inercal.pipeline.drafts.stated_keys import stated_columns, stated_options, stated_triad
 from inercal.recordings.data.rest_marks import marks_from_file
 from inercal.recordings.io.column_table import Table

@@ -13,8 +13,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.units import si_factor
-from inercal.physics.magnetic_units import unit_of_earth_field
-from inercal.physics.soft_iron import TURNS_OF_CUBE, axis_names
+from inercal.physics.magnetism import TURNS_OF_CUBE, axis_names, unit_of_earth_field
 from inercal.pipeline.drafts.column_names import (
     is_other_quantity,
     plain_name,

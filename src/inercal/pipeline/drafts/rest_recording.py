@@ -2,6 +2,8 @@
 
 Columns, units and rate are found as in `init`. The unit of a gyro cannot be found from readings at
 rest. It is therefore taken from the column names or the format, or the user states it.
+
+Columns get their signs, if signed counts were written as unsigned numbers.
 """
 
 from collections.abc import Mapping
@@ -20,9 +22,9 @@ from inercal.pipeline.drafts.clock_keys import clock_keys
 from inercal.pipeline.drafts.column_names import is_other_quantity
 from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
 from inercal.pipeline.drafts.column_values import without_unusable
+from inercal.pipeline.drafts.draft_entries import DraftKey
 from inercal.pipeline.drafts.magnetometer_keys import named_magnetometer, named_unit
 from inercal.pipeline.drafts.readouts import guess_accelerometer
-from inercal.pipeline.drafts.signed_columns import sign_columns
 from inercal.pipeline.drafts.stated_keys import (
     stated_columns,
     stated_options,
@@ -32,15 +34,58 @@ from inercal.pipeline.drafts.stated_keys import (
 )
 from inercal.recordings import Recording
 from inercal.recordings.io.audit import NonfinitePolicy
-from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.column_table import Column, Table
 from inercal.recordings.io.isolation import MOST_VALUES_KEY
 from inercal.recordings.io.read import detect_reader, read_recording, read_table
 from inercal.recordings.io.readers import known_options
 from inercal.recordings.io.table_recording import Columns
+from inercal.recordings.io.unsigned_counts import are_counts, signed_counts, unsigned_bits
 from inercal.recordings.segments.magnetic_means import new_value_rows
 from inercal.recordings.temperature import first_impossible
 from inercal.runfile.schema import ReadoutSection
 from inercal.runfile.sensor_builder import READING_UNITS, SCALE_EXAMPLES, build_readout
+
+_GROWS = 0.9  # share of the steps of a time or a counter that are positive
+
+
+def sign_columns(table: Table, stated: object = None) -> tuple[Table, tuple[DraftKey, ...]]:
+    """Return the table with signed readings, and the key of [data] that reads them so.
+
+    Columns that grow, such as times and counters, stay as they are.
+
+    Parameters
+    ----------
+    table : Table
+    stated : object
+        The bits that the user states; None to find them from the values.
+
+    Raises
+    ------
+    InputError
+        The stated value is not a number of bits.
+    """
+    numbers = {
+        name: column.astype(np.float64)
+        for name, column in table.columns.items()
+        if column.dtype.kind != "U"
+    }
+    numbers = {n: x for n, x in numbers.items() if np.sum(np.diff(x) > 0) < _GROWS * x.size}
+    if stated is not None and (not isinstance(stated, int) or not 8 <= stated <= 32):
+        raise InputError(f"data.signed_bits: {stated!r} is not 8 to 32", key="data.signed_bits")
+    found = {name: unsigned_bits(values) for name, values in numbers.items()}
+    bits = stated if stated is not None else next(filter(None, found.values()), None)
+    if bits is None:
+        return table, ()
+    signed: dict[str, Column] = {
+        name: signed_counts(values, bits)
+        for name, values in numbers.items()
+        if are_counts(values, bits)
+    }
+    seen = [name for name, one in found.items() if one == bits]
+    reason = f"{', '.join(seen)} read only near 0 and near {2**bits - 1}" if seen else "as stated"
+    signed_table = replace(table, columns={**table.columns, **signed}, block=None)
+    return signed_table, (DraftKey("data", "signed_bits", bits, reason),)
+
 
 _COUNTS = "LSB"
 _FRESH = 0.9  # share of samples with new values

@@ -26,7 +26,7 @@ from scipy.special import chdtrc  # pyright: ignore[reportMissingTypeStubs]
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InercalError, InputError
 from inercal.calibration import Calibration
-from inercal.calibration.comparison.recomputation import largest_change
+from inercal.calibration.comparison import largest_change
 from inercal.pipeline import calibrate, simulate_files
 from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read

@@ -32,8 +32,8 @@ from inercal.physics.plan import Attitude, Spin, arm_attitude
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Observations, Recording, add_rounding
 from inercal.recordings.segments.attitudes import flaws_of_mark
-from inercal.recordings.segments.drift import drift_covariance
 from inercal.recordings.segments.reading_steps import reading_steps
+from inercal.recordings.segments.section_means import drift_covariance
 
 ARM_RATE, PSI, THETA = "arm_rate", "psi", "theta"  # readback, SI
 _STEADY = 2e-3  # largest change, relative to the rate

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.benches.arm_directions import outward_and_up_directions
+from inercal.benches.arm import outward_and_up_directions
 from inercal.methods.centrifuge_norm import closed_formulas, ml
 from inercal.studies.centrifuge import simulated_centrifuge
 from inercal.studies.centrifuge.simulated_centrifuge import (

@@ -14,7 +14,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.units import Measured
-from inercal.benches.arm_directions import outward_and_up_directions
+from inercal.benches.arm import outward_and_up_directions
 from inercal.benches.centrifuge.arm_motion import sensed_motion
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimation import Estimate

@@ -22,8 +22,10 @@ from inercal.benches.turntable.reading.implied_rates import (
 )
 from inercal.benches.turntable.reading.readback_angles import (
     RecordingWithAngles,
+    SoakWaits,
     add_table_angles,
     describe_clock,
+    without_waits,
 )
 from inercal.benches.turntable.reading.readback_clock import ClockMismatch
 from inercal.benches.turntable.reading.sample_checks import (
@@ -33,7 +35,6 @@ from inercal.benches.turntable.reading.sample_checks import (
     require_turning,
     spike_findings,
 )
-from inercal.benches.turntable.reading.soak_waits import SoakWaits, without_waits
 from inercal.benches.turntable.reading.step_labels import compare_with_plan, label_steps
 from inercal.benches.turntable.reading.still_table_observation import observe_without_angles
 from inercal.benches.turntable.reading.track_checks import (

@@ -1,19 +1,43 @@
-"""Name the wrong unit of an arm's rate or radius from the norms of the readings.
+"""The arm of a centrifuge or rate table: its directions, and the units of its rate and radius.
 
 The specific force on an arm has the norm √(g² + (r ω²)²). A rate that is stated in another unit
 multiplies ω at all rows by the same factor, and a radius in mm that is stated as m multiplies ω² by
 1000. The wrong unit is therefore the one whose factor makes all norms agree.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity, si_factor
+from inercal.physics.plan import Spin
 from inercal.physics.section_settings import key_error
 from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import readback_units
 from inercal.recordings.segments.dwells import ARM_RATE
+
+
+def outward_and_up_directions(steps: Sequence[Spin]) -> tuple[Array, Array]:
+    """Return the directions `out` and `up` of each step in the body frame, (r, 3) each.
+
+    Raises
+    ------
+    InputError
+        The attitude of a step is not known.
+    """
+    known = [step.attitude for step in steps if step.attitude is not None]
+    if len(known) < len(steps):
+        lacking = next(step.label for step in steps if step.attitude is None)
+        raise InputError(
+            f"step {lacking}: its attitude is not stated; add it to the plan or the table of means",
+            key="attitude",
+            names=(lacking,),
+        )
+    return np.array([a.out for a in known]), np.array([a.up for a in known])
+
 
 RATES = ("rad/s", "rpm", "rev/s", "°/s")
 LENGTHS = {0.001: "mm", 0.01: "cm", 100.0: "cm", 1000.0: "mm"}
