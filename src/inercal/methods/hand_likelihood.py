@@ -35,6 +35,7 @@ from inercal.basics.parameters import Parameter
 from inercal.benches import Hand
 from inercal.benches.hand.bench import sensed_motion
 from inercal.estimation import Estimate, Problem
+from inercal.estimation.gauss_newton_steps import QR_MAX_TRIALS
 from inercal.methods import Priors, mean_problem, observability, solving
 from inercal.methods.mean_problem import ReadingNoise
 from inercal.physics.motion import Motion
@@ -106,7 +107,7 @@ def tilt_curvature(
             for i, some in enumerate(own):
                 place[n, i, k, : len(some)] = some
                 eta[..., n, i, k, : len(some)] = mixed[..., 0, i, some]
-    moments = _moments if lead == () else _moments_of_trials
+    moments = _moments if lead <= (QR_MAX_TRIALS,) else _moments_of_trials
     return moments(eta, place, estimate.covariance, index, rows, r)
 
 

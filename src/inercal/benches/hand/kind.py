@@ -40,7 +40,6 @@ from inercal.recordings import Recording
 from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
 
 if TYPE_CHECKING:
-    from inercal.benches.operator_sheet import Sheet
     from inercal.recordings.segments import RestDetection
 
 
@@ -276,13 +275,6 @@ def _rests(run: RunBase[RestsSection], recording: Recording) -> "RestDetection":
     return refused_recording_rests(run, recording)
 
 
-def _sheet(run: RunBase[RestsSection]) -> "Sheet":
-    """Return the worksheet."""
-    from inercal.benches.hand.sheet import sheet
-
-    return sheet(run)
-
-
 def simulate(
     bench: Hand,
     steps: Sequence[HandStep],
@@ -314,7 +306,7 @@ KIND = Kind(
         Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), affects_rates=True),
     ),
     audit=_audit,
-    sheet=_sheet,
+    sheet=sheet,
     rests=_rests,
     sensor=any_axes,
     directions=directions,

@@ -64,7 +64,7 @@ class FieldSimulation:
         repeated visits add 180°, 90° and −90°.
     """
 
-    def __init__(self, bench: Hand, rng: np.random.Generator, trials: int, *, carried: bool):
+    def __init__(self, bench: Hand, rng: "np.random.Generator", trials: int, *, carried: bool):
         self._rng, self._trials, self._carried = rng, trials, carried
         strength, dip = bench.field or _STRENGTH, bench.dip or _DIP
         self._strength = rng.normal(strength.value, strength.sd, (trials, 1))

@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy import special
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
@@ -207,6 +206,8 @@ def drift_between(earlier: Qualification, later: Qualification) -> tuple[Paramet
             f"the qualifications are from {earlier.date} and {later.date}: give two from "
             "different days, the earlier first"
         )
+    from scipy import special  # only a comparison needs it
+
     found: list[ParameterDrift] = []
     for k, one in enumerate(later.parameters):
         if one.name not in earlier.names or one.determination != later.determination:

@@ -71,7 +71,7 @@ class Noise:
         """Return the noise with rounding to steps q added as white noise (q²/12 per sample)."""
         return replace(self, white=np.hypot(self.white, self.quantisation / (12 * rate_hz) ** 0.5))
 
-    def draw(self, rng: np.random.Generator, shape: tuple[int, ...], rate_hz: float) -> Array:
+    def draw(self, rng: "np.random.Generator", shape: tuple[int, ...], rate_hz: float) -> Array:
         """Return simulated noise in SI, sampled at `rate_hz` along the last axis, not quantised."""
         dt = 1.0 / rate_hz
         noise = np.zeros(shape)
@@ -95,7 +95,7 @@ class Noise:
         return np.round(reading / self.quantisation) * self.quantisation
 
 
-def _markov(rng: np.random.Generator, shape: tuple[int, ...], step: float) -> Array:
+def _markov(rng: "np.random.Generator", shape: tuple[int, ...], step: float) -> Array:
     """Return a unit Gauss–Markov process, stationary from the start; `step` is Δt/τ."""
     # Imported here because the import takes 1.6 s (it loads scipy.stats) and few simulations need
     # it.
@@ -107,7 +107,7 @@ def _markov(rng: np.random.Generator, shape: tuple[int, ...], step: float) -> Ar
     return np.asarray(lfilter([1.0], [1.0, -factor], white, axis=-1), dtype=float)
 
 
-def _flicker(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+def _flicker(rng: "np.random.Generator", shape: tuple[int, ...]) -> Array:
     """Return unit flicker noise, S(f) = 1/(2π f), by filtering white noise in the frequency domain.
 
     The noise is generated with twice the length, and half of it is returned, because the transform
