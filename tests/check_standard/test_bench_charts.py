@@ -154,7 +154,7 @@ def test_the_verb_charts_a_bench_of_the_register(address: str, tmp_path: Path):
     ("arguments", "words"),
     [
         (("--bench", "arm 9"), "'arm 1'"),
-        (("--bench", "arm 1", "--sensor", "IMU-0"), "in one way"),
+        (("--bench", "arm 1", "--sensor", "IMU-0"), "only one way"),
         (("--bench", "arm 1", "--same", "day"), "--same"),
         (("--bench", "arm 1"), "14 days"),
         (("--bench", "arm 1", "--since", "2027-01-01"), "--since 2027-01-01"),

@@ -87,7 +87,7 @@ def run(
     json: Json = False,
 ) -> None:
     """Find the noise, bias instability, random walk and disturbances of a sensor at rest."""
-    from inercal.cli.noise_outputs import print_analysis, print_comparison_with_sheet, sheet_object
+    from inercal.cli.noise_view import print_analysis, print_comparison_with_sheet, sheet_object
 
     _check_choices(method, spacing, to, horizon)
     if len(run_files) > 1:
@@ -348,7 +348,7 @@ def _import_data_sheet(
                 "omit the option",
                 key=option,
             )
-    from inercal.cli.noise_outputs import print_sheet, sheet_object
+    from inercal.cli.noise_view import print_sheet, sheet_object
 
     sheet = _read_data_sheet(path)
     targets.check(path.stem, [path])
