@@ -22,7 +22,7 @@ class Inner(NamedTuple):
 class Outer(NamedTuple):
     """Fields of every kind that the kernels use."""
 
-    count: int
+    number: int
     factor: float
     inner: Inner
     chosen: Indices
@@ -33,7 +33,7 @@ class Outer(NamedTuple):
 def weigh(outer: Outer) -> float:
     """Write the chosen weights times a factor to the record's array, and return their sum."""
     total, inner = 0.0, outer.inner
-    for i in range(outer.count):
+    for i in range(outer.number):
         value = outer.factor * inner.weights[outer.chosen[i], 1]
         outer.written[i] = 2 * value if inner.is_twice else value
         total += outer.written[i]

@@ -7,6 +7,8 @@ defined here, which also accepts kernels cached by another version of inercal.
 """
 # Numba has no types.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownLambdaType=false, reportPrivateUsage=false
+# pyright: reportIncompatibleMethodOverride=false
 
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -46,7 +48,7 @@ def _resolve_once(self: Any, context: Any, args: Any, kws: Any) -> Any:
     ):
         return _resolve(self, context, args, kws)
     if (operator, args) not in _resolved:
-        signature = _resolve(self, context, args, kws)
+        signature: Any = _resolve(self, context, args, kws)
         _resolved[operator, args] = signature, self._impl_keys[signature.args]
     signature, implementation = _resolved[operator, args]
     self._impl_keys[signature.args] = implementation
@@ -67,7 +69,7 @@ class _StepLibrary(codegen.JITCodeLibrary):
     Numba would optimise it and generate machine code for it, although only the kernel's is used.
     """
 
-    codegen = _NoEnvironments()
+    codegen: Any = _NoEnvironments()
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout

@@ -5,7 +5,8 @@ the compiler would need most of its time for them. A `record` is stored in memor
 Python, without copying the data of its arrays, and the kernels share its address. They can read its
 fields by name, but cannot create, unpack or return it.
 """
-# Numba has no types.
+# Numba and llvmlite have no types.
+# pyright: reportMissingTypeStubs=false
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 # pyright: reportUnknownArgumentType=false, reportUnknownParameterType=false
 

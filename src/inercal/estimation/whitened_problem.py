@@ -5,6 +5,8 @@ identity. With gauges C x = d its columns span the null space of C (scaled), so 
 the gauges exactly. Internally all arrays have a trials dimension; a problem without one has a
 single trial.
 """
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
 
 from collections.abc import Sequence
 from typing import NamedTuple, cast

@@ -2,6 +2,8 @@
 
 The figures are Allan deviation, spectrum, residuals and time plots.
 """
+# matplotlib's stubs leave **kwargs untyped.
+# pyright: reportUnknownMemberType=false
 
 from pathlib import Path
 from typing import Any

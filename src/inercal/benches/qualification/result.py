@@ -11,6 +11,8 @@ d²/χ²₀.₀₅(1)/t minus the same variances, which is 254 times larger if d
 determinations share, such as the certificate of the same level, cancel in d. Then u is too large
 here, and q is too small.
 """
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
 
 import datetime as dt
 from collections.abc import Mapping

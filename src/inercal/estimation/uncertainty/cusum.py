@@ -32,6 +32,8 @@ Sources: Lucas and Saccucci, Technometrics 32 (1990), 1–12 (EWMA); Lowry, Wood
 Technometrics 34 (1992), 46–53 (MEWMA); Rigdon, J. Quality Technology 27 (1995), 375 (the integral
 equation).
 """
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
 
 from collections.abc import Collection
 from functools import cache

@@ -7,6 +7,8 @@ because a session with a large uncertainty cannot show a small scatter. If there
 weighted sum of squares about the mean follows χ² with k − 1 degrees of freedom. σ² is only used if
 this sum is larger than expected by chance.
 """
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

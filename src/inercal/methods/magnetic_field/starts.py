@@ -17,6 +17,8 @@ field is reversed, and with it all axes. The sign of the dip (the hemisphere) de
 assumption that the magnetometer is right-handed relative to its stated axes. The other fact is then
 a test. A wrong sign of the accelerometers has the same effect as a reversed field.
 """
+# NumPy types the results of `lstsq` and `inv` too widely.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 
 from collections.abc import Iterator
 

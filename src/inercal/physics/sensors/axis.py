@@ -15,6 +15,8 @@ Std 952, annex B::
 With a correlation time τ, the bias drift is a Gauss–Markov process with standard deviation B
 instead of flicker noise. Many filters and papers assume this: S(f) = 2 B² τ/(1 + (2π f τ)²).
 """
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
 from collections.abc import Sequence
 from contextlib import suppress
