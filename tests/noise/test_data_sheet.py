@@ -300,7 +300,7 @@ def test_three_values_do_not_fit_a_recording_of_two_gyros(tmp_path: Path):
     with pytest.raises(InputError, match="3 axes"):
         compare_with_sheet(analysis, sheet)
     other = replace(sheet, coefficients={"accelerometer": sheet.coefficients["accelerometer"]})
-    with pytest.raises(InputError, match="accelerometers.*no channel"):
+    with pytest.raises(InputError, match=r"accelerometers.*no channel"):
         compare_with_sheet(analysis, other)
 
 
