@@ -282,7 +282,7 @@ class Scheduling:
     def _take_back(self, settled: Settled) -> None:
         work = self._under_way.pop(settled.index)
         error = settled.error
-        if isinstance(error, TimeExceeded) and (error.is_exact or len(work) == 1):
+        if isinstance(error, TimeExceeded):
             self._answer_excess(work, error)
         elif isinstance(error, WorkerLost):
             self._answer_loss(work, error)

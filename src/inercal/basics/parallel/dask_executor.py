@@ -9,7 +9,6 @@ from importlib import import_module
 from importlib.metadata import version
 from queue import Empty, SimpleQueue
 from threading import Thread
-from time import monotonic
 from typing import Any
 
 from inercal.basics.errors import InercalError, InputError, require_installed
@@ -26,7 +25,6 @@ _LOGGERS = ("distributed", "distributed.client", "distributed.utils", "distribut
 _ADDRESS = re.compile(r"(tcp|tls)://([^\s/:@\[\]]+|\[[0-9a-fA-F:.%]+\]):(?P<port>\d{1,5})")
 _TIMEOUT = 10.0  # s, for a scheduler to answer
 _RESTART = 60.0  # s, of a worker
-_PACE = 0.1  # s, between reported steps of a task
 _SETTINGS = {
     # A task whose worker died is not retried, because the submitter decides this.
     "distributed.scheduler.allowed-failures": 0,
@@ -328,9 +326,7 @@ class DaskExecutor(TolerantExecutor):
             if now - since > limit:
                 self._forget(index).cancel()
                 self._restart(step.worker)
-                error = TimeExceeded.of(step.number, limit)
-                error.is_exact = False
-                yield Settled(index, None, error)
+                yield Settled(index, None, TimeExceeded.of(step.number, limit))
 
     def _restart(self, worker: str) -> None:
         self._stopped_workers.add(worker)
@@ -382,14 +378,7 @@ def _run_reporting(task: Task, topic: str) -> Any:
     worker: Any = distributed.get_worker()
     sync: Any = distributed.utils.sync
 
-    reported = 0.0
-
     def report(step: int) -> None:
-        # The scheduler takes about 1 ms for a report, so short steps are not all reported.
-        nonlocal reported
-        if step and monotonic() - reported < _PACE:
-            return
-        reported = monotonic()
         # The step only begins after the scheduler has received the report, because a task that
         # hangs may block all threads of this process.
         message = [task.index, step, worker.address]

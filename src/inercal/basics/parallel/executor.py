@@ -20,7 +20,6 @@ class TimeExceeded(WorkerLost):
 
     step = 0  # counted from 0
     limit = 0.0  # s
-    is_exact = True  # whether the time was exceeded by this step and not by one soon after it
 
     @classmethod
     def of(cls, step: int, limit: float) -> Self:
