@@ -91,7 +91,7 @@ class _StepLibrary(codegen.JITCodeLibrary):
 class _StepCompiler(compiler.Compiler):
     def define_pipelines(self) -> Any:
         name = self.state.func_id.func_qualname
-        self.state.library = _StepLibrary(self.state.targetctx.codegen(), name)
+        self.state["library"] = _StepLibrary(self.state.targetctx.codegen(), name)
         return super().define_pipelines()
 
 
