@@ -12,8 +12,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import reference_attitude
-from inercal.benches.turntable.path_file import read_path
-from inercal.benches.turntable.paths import PATHS, discrete_path, fast_path, paper_path
+from inercal.benches.turntable.paths import PATHS, discrete_path, fast_path, paper_path, read_path
 from inercal.benches.turntable.simulation import path_profile, turntable_path_duration
 from inercal.physics.plan import Position, Rotation
 

@@ -7,7 +7,7 @@ import pytest
 from tests.refusals import refused
 
 from inercal.benches.turntable import require_turntable
-from inercal.benches.turntable.path_file import read_path
+from inercal.benches.turntable.paths import read_path
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.cli.app import app
 from inercal.physics.plan import Position

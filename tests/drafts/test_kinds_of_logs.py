@@ -18,7 +18,7 @@ import inercal
 from inercal.basics.errors import InputError
 from inercal.pipeline.drafts import Draft, draft_run_file
 from inercal.pipeline.drafts.column_roles import recognise_columns
-from inercal.recordings.data.face_names import parse_face, planned_name
+from inercal.recordings.data.rest_marks import parse_face, planned_name
 from inercal.recordings.io.column_table import Table
 
 

@@ -14,7 +14,7 @@ from inercal.benches.dividing_head.bench import position_plan
 from inercal.benches.dividing_head.bench import sensed_motion as head_motion
 from inercal.benches.rate_table.bench import sensed_motion
 from inercal.benches.rate_table.fixture import mounting_attitude
-from inercal.benches.turntable.path_file import read_path
+from inercal.benches.turntable.paths import read_path
 from inercal.benches.turntable.reading.readback_clock import align_readback
 from inercal.benches.turntable.reading.track_checks import check_track
 from inercal.benches.turntable.settings import TurntableSection, build

@@ -13,7 +13,7 @@ from tests.refusals import refused
 from inercal.basics.errors import InputError
 from inercal.calibration import Calibration
 from inercal.calibration.files import save
-from inercal.methods.centrifuge_norm.paper_form import paper_form
+from inercal.methods.centrifuge_norm.closed_formulas import paper_form
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Readout, triad
 

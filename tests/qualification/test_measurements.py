@@ -17,11 +17,10 @@ from tests.refusals import refused
 
 from inercal.basics.arrays import Array
 from inercal.basics.units import Measured
-from inercal.benches.qualification.linear_fit import linear_fit
+from inercal.benches.qualification.linear_fit import MeasuredParameters, linear_fit
 from inercal.benches.qualification.measurements.azimuth import earth_rate_azimuth
 from inercal.benches.qualification.measurements.gravity import local_gravity, tied_gravity
 from inercal.benches.qualification.measurements.head_map import head_map
-from inercal.benches.qualification.measurements.measured_parameters import MeasuredParameters
 from inercal.benches.qualification.measurements.radius import (
     RadiusSensor,
     radius_by_machine,

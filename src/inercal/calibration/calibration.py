@@ -21,8 +21,7 @@ from inercal.calibration.forms import (
 )
 from inercal.calibration.grade import Verdict
 from inercal.calibration.shared_errors import SharedErrors, transform_shared
-from inercal.calibration.temperature_range import checked_temperatures
-from inercal.calibration.validity import Validity
+from inercal.calibration.validity import Validity, checked_temperatures
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Form, Sensor

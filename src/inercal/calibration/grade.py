@@ -35,8 +35,8 @@ import numpy as np
 from inercal.basics.run_file_advice import Advice
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration.additions import Addition
-from inercal.calibration.advising import CHANGE_PREFIX
 from inercal.calibration.best_cause import (
+    CHANGE_PREFIX,
     OutlierRow,
     SuspectedCause,
     familywise_p_value,

@@ -34,8 +34,7 @@ from inercal.basics.keys import CoefficientName
 from inercal.basics.units import ZERO_CELSIUS, si_factor
 from inercal.calibration import Calibration
 from inercal.calibration.detectability import UndetectableCause, coefficient_definition
-from inercal.calibration.temperature_range import TEMPERATURE_MARGIN
-from inercal.calibration.validity import READING_MARGIN, distance_outside
+from inercal.calibration.validity import READING_MARGIN, TEMPERATURE_MARGIN, distance_outside
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.magnetism import heading_gradient
 from inercal.physics.motion import Motion

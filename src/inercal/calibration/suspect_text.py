@@ -12,8 +12,7 @@ from inercal.basics.units import (
     format_value_and_uncertainty,
     si_factor,
 )
-from inercal.calibration.advising import CHANGE_PREFIX
-from inercal.calibration.best_cause import SuspectedCause
+from inercal.calibration.best_cause import CHANGE_PREFIX, SuspectedCause
 from inercal.calibration.detectability import coefficient_definition
 from inercal.calibration.explanation import first_fit
 from inercal.calibration.grade import Assessment, row_words, two_digits

@@ -11,7 +11,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.calibration import Calibration
-from inercal.calibration.temperature_range import require_inside
+from inercal.calibration.validity import require_inside
 from inercal.physics.sensors.coefficient_tables import TABLES
 
 

@@ -1,12 +1,20 @@
-"""The ranges of rate, force, temperature and magnetic field that a calibration's data cover."""
+"""The ranges of rate, force, temperature and magnetic field that a calibration's data cover.
+
+Temperatures of readings are checked against the range in which a calibration was made.
+"""
 
 from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Recording, temperature_rate
+from inercal.recordings.temperature import first_impossible, impossible_text
 
 Range = tuple[float, float]
 READING_MARGIN = 0.01  # fraction of a range by which readings may be outside, because they scatter
@@ -58,3 +66,123 @@ class Validity:
     def ranges(self) -> dict[str, Range]:
         """The ranges that are known, by name."""
         return {name: value for name, value in vars(self).items() if value is not None}
+
+
+TEMPERATURE_MARGIN = 1.0  # K outside the calibration's range that are still accepted
+
+
+def require_inside(
+    sensor: Sensor,
+    validity: Validity | None,
+    kelvin: Array,
+    remedy: str,
+    *,
+    key: str = "temperature",
+) -> None:
+    """Raise an error if temperatures, (..., n) K, are outside the range of the data.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    validity : Validity or None
+        Validity of the calibration.
+    kelvin : array
+    remedy : str
+        What the user can do; the message contains this text.
+    key : str, optional
+        The run-file key or option that the error names.
+
+    Raises
+    ------
+    InputError
+        If a temperature is outside the range; the message states both ranges.
+    """
+    outside = temperatures_outside(sensor, validity, kelvin)
+    if outside.any():
+        assert validity is not None
+        assert validity.temperature is not None
+        low, high = (t - ZERO_CELSIUS for t in validity.temperature)
+        beyond = float(kelvin[outside][0]) - ZERO_CELSIUS
+        raise InputError(
+            f"{beyond:.2f} °C is outside the temperatures of the calibration, {low:.2f} to "
+            f"{high:.2f} °C, where its polynomials are valid; {remedy}",
+            key=key,
+        )
+
+
+def checked_temperatures(
+    sensor: Sensor,
+    validity: Validity | None,
+    recording: Recording | Array,
+    dT: Array | float | None,
+    dTdt: Array | float | None,
+    *,
+    extrapolate: bool,
+) -> tuple[Array | float, Array | float]:
+    """Return dT, K, and dTdt, K/s, as passed or from the recording; zero if neither is needed.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    validity : Validity or None
+        Validity of the calibration.
+    recording, dT, dTdt
+        See `Calibration.correct`.
+    extrapolate : bool
+        Whether temperatures outside the range of the calibration are accepted. Temperatures below 0
+        K are never accepted.
+
+    Raises
+    ------
+    InputError
+        If a temperature is missing, impossible, or outside the range of the calibration.
+    """
+    if isinstance(recording, Recording) and recording.temperature is not None and dT is None:
+        dT = recording.temperature - sensor.reference_temperature
+        if dTdt is None and sensor.uses("dTdt"):
+            dTdt = temperature_rate(recording.time, recording.temperature)
+    for key, value, needed in (
+        ("dT", dT, "temperature: pass dT, in K above the reference temperature"),
+        ("dTdt", dTdt, "the rate of change of the temperature: pass dTdt in K/s"),
+    ):
+        if value is None and sensor.uses(key):
+            raise InputError(
+                f"the model depends on {needed}, or a recording that contains temperatures", key=key
+            )
+    rate = 0.0 if dTdt is None else dTdt
+    if dT is None:
+        return 0.0, rate
+    if not np.isfinite(dT).all():
+        raise InputError(
+            "dT has temperatures that are not finite; remove those samples first", key="dT"
+        )
+    if sensor.uses("dT", "dTdt"):
+        kelvin = np.atleast_1d(sensor.reference_temperature + np.asarray(dT, dtype=float))
+        if not extrapolate:
+            remedy = "give temperatures in this range, or pass extrapolate=True"
+            require_inside(sensor, validity, kelvin, remedy, key="dT")
+        flat = kelvin.reshape(-1)
+        known = None if validity is None else validity.temperature
+        bad = first_impossible(flat, allowed=extrapolate or known is not None)
+        if bad is not None:
+            raise InputError(
+                f"dT of {float(flat[bad]) - sensor.reference_temperature:.6g} K is "
+                f"{impossible_text(float(flat[bad]), 'extrapolate=True')}",
+                key="dT",
+            )
+    return dT, rate
+
+
+def temperatures_outside(
+    sensor: Sensor, validity: Validity | None, kelvin: Array
+) -> NDArray[np.bool_]:
+    """Return a mask of the temperatures, (..., n) K, outside the range of a calibration's data.
+
+    The range is extended by one kelvin at both ends. No temperature is outside if the model does
+    not depend on temperature or if the calibration file states no range.
+    """
+    limits = None if validity is None else validity.temperature
+    if limits is None or not sensor.uses("dT", "dTdt"):
+        return np.zeros(kelvin.shape, dtype=np.bool_)
+    low, high = limits
+    return (kelvin < low - TEMPERATURE_MARGIN) | (kelvin > high + TEMPERATURE_MARGIN)

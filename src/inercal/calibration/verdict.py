@@ -15,8 +15,8 @@ from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Advice
 from inercal.calibration import explanation
-from inercal.calibration.advising import CHANGE_PREFIX, Advisor, PlainAdvisor, changes_text
 from inercal.calibration.agreement_text import agreement, agreement_lines, cause_lines, no_cause
+from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, PlainAdvisor, changes_text
 from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,

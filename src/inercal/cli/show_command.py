@@ -87,7 +87,7 @@ def _show_as_paper(file: Path, explain: bool, json: bool) -> None:
     from inercal.calibration.display import title
     from inercal.calibration.files import load
     from inercal.estimation.uncertainty.coverage import COVERAGE
-    from inercal.methods.centrifuge_norm.paper_form import G, paper_form
+    from inercal.methods.centrifuge_norm.closed_formulas import G, paper_form
 
     if file.suffix.lower() != ".json":
         raise InputError(

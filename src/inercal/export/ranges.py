@@ -10,7 +10,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
-from inercal.calibration.temperature_range import TEMPERATURE_MARGIN, require_inside
+from inercal.calibration.validity import TEMPERATURE_MARGIN, require_inside
 from inercal.export.model import UNMEASURED
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS, Measures

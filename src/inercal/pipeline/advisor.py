@@ -17,8 +17,7 @@ from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.run_file_advice import Advice, Change, with_changes
 from inercal.basics.units import Measured
 from inercal.benches.key_declarations import declarations
-from inercal.calibration.advising import action_on, also
-from inercal.calibration.best_cause import SuspectedCause
+from inercal.calibration.best_cause import SuspectedCause, action_on, also
 from inercal.estimation import Estimate
 from inercal.pipeline.outcome import FittedRun
 from inercal.runfile import Run, from_sections

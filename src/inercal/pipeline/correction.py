@@ -11,8 +11,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
-from inercal.calibration.temperature_range import temperatures_outside
-from inercal.calibration.validity import READING_MARGIN, distance_outside
+from inercal.calibration.validity import READING_MARGIN, distance_outside, temperatures_outside
 from inercal.methods import METHODS
 from inercal.physics.quantities import QUANTITIES
 from inercal.pipeline.calibration_record import KEPT_CORRECTIONS

@@ -11,7 +11,7 @@ from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches import Bench
 from inercal.calibration import Calibration
 from inercal.calibration.additions import additions_text, doubtful_additions
-from inercal.calibration.advising import also as also_change
+from inercal.calibration.best_cause import also as also_change
 from inercal.calibration.check_standard import CHECK_STANDARD
 from inercal.calibration.verdict import verdict
 from inercal.estimation import Estimate

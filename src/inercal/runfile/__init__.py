@@ -36,8 +36,7 @@ from inercal.runfile.method_section import (
     stated_also,
     stated_plan_keys,
 )
-from inercal.runfile.qualified_bench import check_validity, qualified_bench, with_qualifications
-from inercal.runfile.run import Run
+from inercal.runfile.run import Run, check_validity, qualified_bench, with_qualifications
 from inercal.runfile.schema import RunSchema, reader_options, schema_for_kind
 from inercal.runfile.section_checks import (
     assumed_units,

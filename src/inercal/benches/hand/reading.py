@@ -17,7 +17,6 @@ from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Observations, Recording, Track
 from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
-from inercal.recordings.data.face_names import planned_name
 from inercal.recordings.data.recording_loader import (
     load_magnetometers,
     load_recording,
@@ -29,13 +28,14 @@ from inercal.recordings.data.recording_loader import (
 from inercal.recordings.data.rest_marks import (
     check_marked_rests,
     check_rests,
+    planned_name,
     rests_without_plan,
     stated_marks,
 )
 from inercal.recordings.io.audit import require_accepted
-from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.mean_tables import read_means
 from inercal.recordings.io.rest_norm import audit_rest_norm, rest_mean_finding
+from inercal.recordings.io.section_files import is_pattern
 from inercal.recordings.segments import (
     RestDetection,
     average_sections,

@@ -7,6 +7,8 @@ s = Cᵀ V⁻¹ r of its columns C and S = Cᵀ (V⁻¹ − V⁻¹ H P Hᵀ V⁻
 level in the same way as the tests of a calibration (`inercal.estimation.scores`). The terms get 0.8
 of it, divided by their number (Bonferroni), and χ² gets the rest, or all of it if no term is
 tested. If χ² exceeds its 95 % bound, covariances are enlarged by χ²/ν, as in a calibration.
+
+`MeasuredParameters` are the parameters that a measurement of a bench determines by such a fit.
 """
 # pyright: reportMissingTypeStubs=false
 
@@ -132,3 +134,60 @@ def _missing_terms(
         size = float(np.linalg.norm(np.linalg.solve(information, score)))
         found.append((words, size, float(special.chdtrc(columns.shape[1], gain))))
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredParameters:
+    """Parameters of a bench that a measurement determines.
+
+    Parameters
+    ----------
+    names : tuple of k str
+        Names of the bench's parameters.
+    unit : tuple of k str
+        SI units.
+    value : (k,) array
+    covariance : (k, k) array
+    chi2, dof, p_value
+        χ² of the residuals, its degrees of freedom and its p-value.
+    suspects : tuple of str
+        Violations of the model that the residuals show.
+    unseen : tuple of str
+        Effects that the measurement cannot detect.
+    remarks : tuple of str
+    """
+
+    names: tuple[str, ...]
+    unit: tuple[str, ...]
+    value: Array
+    covariance: Array
+    chi2: float = 0.0
+    dof: int = 0
+    p_value: float = 1.0
+    suspects: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+def from_fit(
+    fit: LinearFit,
+    names: tuple[str, ...],
+    unit: str,
+    value: Array,
+    covariance: Array,
+    unseen: tuple[str, ...] = (),
+    remarks: tuple[str, ...] = (),
+) -> MeasuredParameters:
+    """Return parameters that share one unit, with the test results of a fit."""
+    return MeasuredParameters(
+        names,
+        (unit,) * len(names),
+        value,
+        covariance,
+        fit.chi2,
+        fit.dof,
+        fit.p_value,
+        fit.suspects,
+        unseen,
+        remarks,
+    )

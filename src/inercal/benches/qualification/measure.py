@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
+from inercal.benches.qualification.linear_fit import MeasuredParameters
 from inercal.benches.qualification.measurements import (
     azimuth,
     gravity,
@@ -20,7 +21,6 @@ from inercal.benches.qualification.measurements import (
     rates,
     tilts,
 )
-from inercal.benches.qualification.measurements.measured_parameters import MeasuredParameters
 from inercal.benches.qualification.result import ANY_BENCH, Qualification
 from inercal.physics.earth import normal_gravity
 from inercal.physics.section_settings import Section, key_error, measured_constant, si_value

@@ -17,7 +17,7 @@ from math import cos, degrees, pi, radians, sin
 
 from inercal.basics.errors import InputError
 from inercal.physics.plan import AXES, Vector, describe_direction
-from inercal.recordings.data.face_names import parse_face
+from inercal.recordings.data.rest_marks import parse_face
 
 SMALL_RATE = radians(2.0)  # rad/s: the largest change of a rate that shows threshold and resolution
 _NUMBER = r"[-+−]?\d+(?:\.\d+)?(?:e-?\d+)?"

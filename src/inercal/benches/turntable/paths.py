@@ -1,4 +1,15 @@
-"""Paths for a three-axis table with the axes Z, X, Y (outer to inner), as data.
+"""Paths of a turntable: standard paths, and paths read from a table in a file.
+
+The table has one row per step. The header names the columns, with the unit of each quantity. Cells
+that a step does not use are empty::
+
+    label, kind,     outer [°], middle [°], inner [°], seconds [s], axis,   angle [°], rate [°/s]
+    p1,    position, 0,         90,         0,         90,          ,       ,
+    x+,    rotation, ,          ,           ,          ,            middle, 720,       10
+
+If the row of a rotation contains angles of the axes, the axes are first brought to these angles.
+
+The standard paths are for a three-axis table with the axes Z, X, Y (outer to inner).
 
 "paper" warms up, holds ten positions for the accelerometers, turns 720° at 10 °/s about each axis
 for the gyros and rests. The figure of the positions in the source is not available, so these ten
@@ -12,11 +23,24 @@ Source: Liu Zhiwei, Cui Min, Zhang Peng, Xu Wenwu (North University of China), f
 system.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
-from math import radians
+from functools import partial
+from math import degrees, radians
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.physics.plan import Position, Rotation, TableStep
+from inercal.basics.small_files import is_file
+from inercal.basics.units import si_factor
+from inercal.benches.turntable.bench import Turntable
+from inercal.physics.plan import Position, Rotation, Step, TableStep
+from inercal.physics.section_settings import key_error
+from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.read import read_table
 
 _HOME = (0.0, 0.0, 0.0)
 # Angles of the outer, middle and inner axis in degrees.
@@ -77,8 +101,8 @@ def fast_path(seconds: float = 90.0) -> tuple[TableStep, ...]:
 def discrete_path(seconds: float = 90.0) -> tuple[TableStep, ...]:
     """Return six positions with holds of `seconds` and steady turns about the vertical."""
     steps: list[TableStep] = [_WARM_UP]
-    for name, degrees in _SIX.items():
-        outer, middle, inner = map(radians, degrees)
+    for name, angles in _SIX.items():
+        outer, middle, inner = map(radians, angles)
         steps.append(Position(name, (outer, middle, inner), seconds))
         steps.append(Rotation(f"{name}+", 0, _THRICE, _FAST))
         steps.append(Rotation(f"{name}-", 0, -_THRICE, _FAST))
@@ -133,3 +157,174 @@ PATHS: Mapping[str, Callable[[float], tuple[TableStep, ...]]] = {
     "systematic": systematic_path,
 }
 """Functions that return each named path, given the duration of a hold in seconds."""
+
+
+_WORDS = ("label", "kind", "axis")
+_LIKE = {"seconds": "s", "angle": "°", "rate": "°/s"}
+_LONGEST = 86_400.0  # s
+_AXES = 3  # number of axes that the named paths need
+_HEADED = re.compile(r"(\w+) *\[(.+)\]")
+
+
+def read_path(path: str | Path, axes: Sequence[str]) -> tuple[TableStep, ...]:
+    """Read a path from a file.
+
+    Parameters
+    ----------
+    path : path
+    axes : sequence of str
+        Names of the table's axes, outermost first, as in `Turntable.names`.
+
+    Raises
+    ------
+    InputError
+        A column is unknown or a step is not complete. The message names the file and the line.
+    """
+    path = Path(path)
+    table = read_table(path, text=_WORDS)
+    numbers = _quantities(path, table, axes)
+    words = {
+        name: [str(cell).strip() for cell in table.columns[name]]
+        for name in _WORDS
+        if name in table.columns
+    }
+    steps: list[TableStep] = []
+    for row, label in enumerate(words["label"]):
+        cells = {name: column[row] for name, column in words.items()}
+        size = {name: float(column[row]) for name, column in numbers.items()}
+        try:
+            steps.append(_parse_step(cells, size, axes))
+            if label in words["label"][:row]:
+                raise _cell_error("label", f"label {label!r} is also in an earlier row; change it")
+        except InputError as error:
+            where = f"{path.name} {table.place(row)}"
+            raise error.located(where, file=path, line=table.line(row)) from None
+    return tuple(steps)
+
+
+def _quantities(path: Path, table: Table, axes: Sequence[str]) -> dict[str, Array]:
+    """Return the numeric columns by name, in SI; refuse unknown columns."""
+
+    def refusal(column: str, text: str) -> InputError:
+        return InputError(f"{path.name}: column {column!r} {text}", file=path, names=(column,))
+
+    likes = dict.fromkeys(axes, "°") | _LIKE
+    result: dict[str, Array] = {}
+    for header in table.names:
+        if header in _WORDS:
+            continue
+        headed = _HEADED.fullmatch(header)
+        name = headed[1] if headed else header
+        if name not in likes:
+            possible = (*_WORDS, *(f"{name} [{like}]" for name, like in likes.items()))
+            raise refusal(header, f"is unknown; the columns are {', '.join(possible)}")
+        if headed is None:
+            raise refusal(name, f"needs a unit: {name} [{likes[name]}]")
+        if name in result:
+            raise refusal(name, "appears twice; remove one of the two")
+        try:
+            size = si_factor(headed[2], likes[name])
+        except InputError as error:
+            raise error.located(f"{path.name}: column {header!r}", file=path) from None
+        result[name] = size * table.numbers(header)
+    for name in ("label", "kind"):
+        if name not in table.names:
+            raise refusal(name, f"is missing; the columns are {', '.join(table.names)}")
+    return result
+
+
+def _parse_step(words: dict[str, str], size: dict[str, float], axes: Sequence[str]) -> TableStep:
+    label, kind = words["label"], words["kind"]
+    if not label:
+        raise _cell_error("label", "the step has no label; give it a label")
+    if kind not in ("position", "rotation"):
+        raise _cell_error("kind", f"kind is {kind!r}; it must be position or rotation")
+    for name in ("axis", "angle", "rate") if kind == "position" else ("seconds",):
+        if words.get(name) or not np.isnan(size.get(name, np.nan)):
+            raise _cell_error(name, f"a {kind} does not use {name}; leave the cell empty")
+    angles = _angles(size, axes)
+    step = f"{kind} {label}"
+    if kind == "position":
+        if angles is None:
+            text = f"{step}: the angles are missing; give the angles of {', '.join(axes)}"
+            raise _cell_error("angles", text)
+        seconds = _required_quantity(size, "seconds", step)
+        if not 0 < seconds <= _LONGEST:
+            text = f"{step}: seconds is {seconds:.6g}; it must be greater than 0 and at most a day"
+            raise _cell_error("seconds", text)
+        return Position(label, angles, seconds)
+    if (axis := words.get("axis", "")) not in axes:
+        raise _cell_error("axis", f"{step}: axis is {axis!r}; it must be {' or '.join(axes)}")
+    angle, rate = (_required_quantity(size, name, step) for name in ("angle", "rate"))
+    if rate <= 0:
+        text = f"{step}: its rate is {degrees(rate):.6g} °/s; it must be greater than 0, because "
+        raise _cell_error("rate", f"{text}the sign of the angle gives the direction")
+    return Rotation(label, axes.index(axis), angle, rate, angles)
+
+
+def _cell_error(column: str, text: str) -> InputError:
+    return InputError(text, key=column)
+
+
+def _angles(size: dict[str, float], axes: Sequence[str]) -> tuple[float, ...] | None:
+    """Return the axes' angles, or None if all cells are empty."""
+    angles = tuple(size.get(axis, np.nan) for axis in axes)
+    if np.isnan(angles).all():
+        return None
+    if np.isnan(angles).any():
+        text = f"give the angles of all axes ({', '.join(axes)}) or of none"
+        raise _cell_error("angles", text)
+    return angles
+
+
+def _required_quantity(size: dict[str, float], name: str, step: str) -> float:
+    value = size.get(name, np.nan)
+    if np.isnan(value):
+        raise _cell_error(name, f"{step}: {name} is missing")
+    return value
+
+
+def path_plan(
+    options: Mapping[str, Any], bench: Turntable, folder: Path, plan: Callable[[], tuple[Step, ...]]
+) -> Callable[[], tuple[Step, ...]]:
+    """Return the plan function of a run; it reads the file only when it is called.
+
+    Parameters
+    ----------
+    options : mapping
+        Keys of [method] that concern the plan.
+    bench : Turntable
+        Bench whose axes name the columns of the file.
+    folder : Path
+        Folder of the file.
+    plan : callable
+        Plan function for a named path.
+
+    Raises
+    ------
+    InputError
+        The path is neither a known name nor a file, or `seconds` is stated together with a file.
+    """
+    name = options.get("path")
+    if name is None or name in PATHS:
+        if len(bench.axes) != _AXES:
+            text = f"{name or next(iter(PATHS))} needs three axes, but this table has "
+            return partial(
+                _refuse_plan, f"path: {text}{len(bench.axes)}; name a file with its steps"
+            )
+        return plan
+    file = folder / name
+    if not is_file(file):
+        raise key_error(
+            "[method] path",
+            f"{name!r} is neither a file in {folder} nor one of {', '.join(PATHS)}",
+            names=(name,),
+        )
+    if "seconds" in options:
+        raise key_error("[method] seconds", f"{name} already gives the durations; remove the key")
+    return partial(read_path, file, bench.names)
+
+
+def _refuse_plan(text: str) -> tuple[Step, ...]:
+    """Refuse the plan only when it is called: a calibration does not need it."""
+    raise InputError(text, key="[method] path")

@@ -36,7 +36,7 @@ from inercal.pipeline.drafts.column_values import (
     reason_without_gyros,
     value_reason,
 )
-from inercal.recordings.data.face_names import planned_name
+from inercal.recordings.data.rest_marks import planned_name
 from inercal.recordings.io.column_table import Table, shorten
 
 NO_GYROS = "no gyros"

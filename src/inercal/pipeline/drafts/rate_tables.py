@@ -14,7 +14,7 @@ from inercal.pipeline.drafts.column_names import column_unit, named_triads
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import ANYWHERE, UNKNOWN, DraftKey
 from inercal.pipeline.drafts.readouts import GuessedReadout, counts_per_degree
-from inercal.recordings.data.face_names import parse_face
+from inercal.recordings.data.rest_marks import parse_face
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.mean_tables import SD_SUFFIX
 from inercal.recordings.io.rest_norm import LARGEST_BIAS

@@ -19,7 +19,7 @@ from inercal.benches.centrifuge.arm_motion import sensed_motion
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimation import Estimate
 from inercal.methods.centrifuge_norm import RATES, closed_formulas, ml, plan
-from inercal.methods.centrifuge_norm.paper_form import G, paper_coefficients
+from inercal.methods.centrifuge_norm.closed_formulas import G, paper_coefficients
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import Readout, Sensor, triad

@@ -16,10 +16,11 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
-from inercal.benches.qualification.linear_fit import LinearFit, linear_fit
-from inercal.benches.qualification.measurements.measured_parameters import (
+from inercal.benches.qualification.linear_fit import (
+    LinearFit,
     MeasuredParameters,
     from_fit,
+    linear_fit,
 )
 
 MILLIGAL = 1e-5  # m/s²

@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.benches.qualification.linear_fit import LinearFit, linear_fit
-from inercal.benches.qualification.measurements.measured_parameters import (
+from inercal.benches.qualification.linear_fit import (
+    LinearFit,
     MeasuredParameters,
     from_fit,
+    linear_fit,
 )
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL
 

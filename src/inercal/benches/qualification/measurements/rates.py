@@ -18,10 +18,10 @@ from scipy import special
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.benches.qualification.linear_fit import linear_fit
-from inercal.benches.qualification.measurements.measured_parameters import (
+from inercal.benches.qualification.linear_fit import (
     MeasuredParameters,
     from_fit,
+    linear_fit,
 )
 
 _FEWEST = 4  # counts needed to estimate a scatter
