@@ -56,23 +56,25 @@ def least_squares_of_trials(
     InputError, NotObserved
         See `least_squares`.
     """
-    stages = _Stage(max_iterations), _Stage(max_iterations)
+    single = slice(0, 1)
+    one = whitened_problem.WhitenedProblem(problem_of(single))
+    first, *others = _blocks(trials, one)
+    stages = [_Stage(max_iterations, bool(others)) for _ in range(2)]
     next_problem = refined or _no_problem
 
     def solve(part: slice) -> Estimate:
-        solved = stages[0].solve(part, problem_of)
+        solved = stages[0].solve(part, problem_of(part), lambda: one)
         then = next_problem(part, solved)
         if then is None:
             return solved
         begun = replace(then, start=solved.value)
 
-        def next_of(some: slice) -> Problem:
-            one = None if some == part else next_problem(some, _selected(solved, some))
-            return one or begun
+        def next_one() -> whitened_problem.WhitenedProblem:
+            own = None if part == single else next_problem(single, _selected(solved, single))
+            return whitened_problem.WhitenedProblem(own or begun)
 
-        return stages[1].solve(part, next_of)
+        return stages[1].solve(part, begun, next_one)
 
-    first, *others = _blocks(trials, whitened_problem.WhitenedProblem(problem_of(slice(0, 1))))
     solved = solve(first)
     if not others:
         return solved
@@ -91,18 +93,20 @@ def _no_problem(part: slice, solved: Estimate) -> None:
 class _Stage:
     """A block-by-block solver for problems that share the structure of the first trial."""
 
-    def __init__(self, max_iterations: int):
-        self._max_iterations = max_iterations
+    def __init__(self, max_iterations: int, several: bool):
+        self._max_iterations, self._several = max_iterations, several
         self._structure: Observability | None = None
         self._start: Array | None = None
 
-    def solve(self, part: slice, problem_of: Callable[[slice], Problem]) -> Estimate:
-        """Return the estimate for some trials; the first call must start with the first trial."""
+    def solve(
+        self, part: slice, problem: Problem, first: Callable[[], whitened_problem.WhitenedProblem]
+    ) -> Estimate:
+        """Return the estimate for some trials; `first` is only called by the first block."""
         if self._structure is not None:
-            return self._solve_from_others(part, problem_of(part), self._structure)
-        one = whitened_problem.WhitenedProblem(problem_of(slice(0, 1)))
+            return self._solve_from_others(part, problem, self._structure)
+        one = first()
         structure = observability(one, one.first)
-        solved = _solve_block(problem_of(part), part, structure, self._max_iterations)
+        solved = _solve_block(problem, part, structure, self._max_iterations)
         if solved.converged[0]:
             # A coincidence at the solution, such as a parameter that is zero, may hide a direction
             # that the start shows.
@@ -110,7 +114,8 @@ class _Stage:
             at_solution = observability(one, one.point(x, *one.evaluate(x)))
             structure = min(structure, at_solution, key=lambda s: s.rank)
         self._structure = structure
-        self._start = _common_start(problem_of(part), solved)
+        if self._several:
+            self._start = _common_start(problem, solved)
         return replace(solved, **structure._asdict())
 
     def _solve_from_others(

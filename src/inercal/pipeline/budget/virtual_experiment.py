@@ -148,18 +148,19 @@ class Experiment:
         """Return simulated readings, (n, r, m) SI, and priors with random means, (n, k)."""
         loose = [name for name, parameter in self.bench_parameters.items() if parameter.sd > 0]
         q = {name: np.array(parameter.value) for name, parameter in self.bench_parameters.items()}
-        drawn = {name: one for one in self.imperfections for name in one.draws if name in q}
-        places = {
-            name: self.draw_columns[one.name].start + one.draws.index(name)
-            for name, one in drawn.items()
-        }
+        names = (name for one in self.imperfections for name in one.draws)
+        places = {name: k for k, name in enumerate(names) if name in q}
         joint, root = self._joint_draws
+        # An error that is equal in all trials is one number, so its motion is computed once.
+        constant = (z == z[0]).all(axis=0)
         for name in loose:
             if name not in joint:
-                q[name] = q[name] + self.bench_parameters[name].sd * z[:, places[name]]
+                error = z[0 if constant[places[name]] else slice(None), places[name]]
+                q[name] = q[name] + self.bench_parameters[name].sd * error
         if joint:
-            errors = z[:, [places[name] for name in joint]] @ root.T
-            q |= {name: q[name] + errors[:, k] for k, name in enumerate(joint)}
+            drawn = [places[name] for name in joint]
+            errors = z[0 if constant[drawn].all() else slice(None), drawn] @ root.T
+            q |= {name: q[name] + errors[..., k] for k, name in enumerate(joint)}
         priors: list[Gaussian] = []
         for prior, one in zip(self.priors, self._prior_imperfections, strict=True):
             error = z[:, self.draw_columns[one.name]] @ np.linalg.cholesky(prior.covariance).T
