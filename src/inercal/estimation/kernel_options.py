@@ -10,8 +10,10 @@ defined here, which also accepts kernels cached by another version of inercal.
 # pyright: reportUnknownArgumentType=false, reportUnknownLambdaType=false, reportPrivateUsage=false
 # pyright: reportIncompatibleMethodOverride=false
 
+import gc
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from types import FunctionType
 from typing import Any, TypeVar
 
 from numba import njit, types
@@ -73,6 +75,9 @@ class _StepLibrary(codegen.JITCodeLibrary):
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
+        for function in ll_module.functions:
+            if not function.is_declaration and b"alwaysinline" not in b"".join(function.attributes):
+                function.add_function_attribute("noinline")
 
     def _optimize_final_module(self) -> None:
         pass
@@ -108,8 +113,13 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def kernel(function: F) -> F:
-    """Compile a function that can be called from Python."""
-    return _compile(**KERNEL_OPTIONS, nogil=True)(function)
+    """Compile a function that can be called from Python; for other kernels it is a step."""
+    made = _compile(**KERNEL_OPTIONS, nogil=True)(function)
+    copy: Any = FunctionType(function.__code__, function.__globals__, function.__name__)
+    copy.__qualname__ = f"{function.__qualname__}_step"  # a name of its own in Numba's cache
+    step: Any = kernel_step(copy)
+    made.get_call_template, made.get_overload = step.get_call_template, step.get_overload
+    return made
 
 
 def kernel_step(function: F) -> F:
@@ -127,6 +137,24 @@ def kernel_value(function: F) -> F:
     The compiler can then keep its result, such as a tuple of nine numbers, in registers.
     """
     return _compile(**INNER_OPTIONS, forceinline=True)(function)
+
+
+class _CollectionListener(event.Listener):
+    """Pauses the search for unreachable objects, because the compiler keeps millions of objects."""
+
+    def __init__(self) -> None:
+        self._was_enabled: list[bool] = []  # a kernel is compiled while its caller is
+
+    def on_start(self, event: object) -> None:
+        self._was_enabled.append(gc.isenabled())
+        gc.disable()
+
+    def on_end(self, event: object) -> None:
+        if self._was_enabled.pop():
+            gc.enable()
+
+
+event.register("numba:compile", _CollectionListener())
 
 
 class _CompilationListener(event.Listener):
