@@ -29,7 +29,7 @@ from inercal.basics.keys import CoefficientName
 from inercal.basics.parameters import Parameter
 from inercal.estimation import Estimate, ScoreTest
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
+from inercal.physics.sensors.coefficient_tables import TERMS, ErrorTerm
 
 CRITICAL_SHIFT, DETECTABLE_NORM = 5.0, 7.0  # shift in u, and limit of η at this shift
 _UNSCORED_NORM = 3.0  # a candidate with a smaller η at its largest plausible size is not scored
@@ -60,7 +60,7 @@ def coefficient_definition(sensor: Sensor, full: str) -> ErrorTerm:
     """Return the table entry of a coefficient by full name, even if it is not estimated."""
     axis, short = CoefficientName(full).parts
     measures = next(a.measures for a in sensor.axes if a.name == axis)
-    return next(line for line in TABLES[measures] if line.name == short)
+    return TERMS[measures][short]
 
 
 def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[UndetectableCause, ...]:

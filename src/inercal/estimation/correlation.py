@@ -81,7 +81,9 @@ def block_durations(seconds: float, levels: int) -> Array:
 
 def contrast_powers(one: Contrasts, size: Array, used: Indices) -> Array:
     """Return the mean square of the contrasts at each level over all channels, (levels,)."""
-    return np.array([float(np.mean((level[:, used] / size[used]) ** 2)) for level in one.levels])
+    squares = np.mean((np.concatenate(one.levels)[:, used] / size[used]) ** 2, axis=1)
+    counts = np.array([len(level) for level in one.levels])
+    return np.asarray(np.add.reduceat(squares, np.cumsum(counts) - counts) / counts)
 
 
 class SectionCorrelations(NamedTuple):
@@ -162,17 +164,16 @@ def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> 
 
 
 def fine_variance(
-    one: Contrasts, size: Array, used: Indices, correlation: NoiseCorrelation
+    one: Contrasts, power: Array, channels: int, correlation: NoiseCorrelation
 ) -> tuple[float, int]:
-    """Return the fine levels' variance relative to the common scale, and its degrees of freedom."""
-    total, dof = 0.0, 0
-    for place, level in enumerate(one.levels, 1):
-        if place <= COARSE_LEVELS:
-            continue
-        shape = float(correlation.contrast_variance_ratio(np.array(one.seconds / 2**place)))
-        total += float(np.sum((level[:, used] / size[used]) ** 2)) / shape
-        dof += level[:, used].size
-    return max(total / max(dof, 1), SMALLEST_VARIANCE), dof
+    """Return the fine levels' variance relative to the common scale, and its degrees of freedom.
+
+    `power` contains the `contrast_powers` of these channels.
+    """
+    shape = correlation.contrast_variance_ratio(block_durations(one.seconds, len(one.levels)))
+    counts = [channels * len(level) for level in one.levels[COARSE_LEVELS:]]
+    total = float((power / shape)[COARSE_LEVELS:] @ np.array(counts, dtype=np.float64))
+    return max(total / max(sum(counts), 1), SMALLEST_VARIANCE), sum(counts)
 
 
 def _log_variance(freedom: Array) -> Array:

@@ -187,13 +187,14 @@ def analyse_sections(
     if not used.size or not r:
         unknown, none = np.full(len(names), np.nan), np.zeros((r, len(names)))
         return SectionStatistics(WHITE, np.ones(r), unknown, unknown, unknown, none)
-    correlations = fit_correlations(
-        [contrast_powers(one, size, used) for one in sections], sections
-    )
+    powers = [contrast_powers(one, size, used) for one in sections]
+    correlations = fit_correlations(powers, sections)
     fitted, others = correlations.whole, correlations.others
     distinct = {id(found): found for found in (fitted, *others)}  # usually only one
     moderated = {
-        key: moderated_variances([fine_variance(one, size, used, found) for one in sections])
+        key: moderated_variances(
+            [fine_variance(*one, used.size, found) for one in zip(sections, powers, strict=True)]
+        )
         for key, found in distinct.items()
     }
     steps = np.zeros(len(names)) if rounding is None else rounding
@@ -302,17 +303,21 @@ def _bursts(
     multiplied by the number of possible choices.
     """
     found: list[_DisturbanceTest] = []
-    for r, one in enumerate(sections):
-        finest = one.levels[-1]
-        c = len(finest)
-        squares = np.sort(finest[:, used] ** 2, axis=0)[::-1]
-        least = one.samples / (2 * c) * steps[used] + SMALLEST_VARIANCE * size[used] ** 2
+    counts = [len(one.levels[-1]) for one in sections]
+    for c in dict.fromkeys(counts):
+        own = [r for r, count in enumerate(counts) if count == c]
+        finest = np.stack([sections[r].levels[-1][:, used] for r in own], axis=1)
+        squares = np.sort(finest**2, axis=0)[::-1]
+        samples = np.array([sections[r].samples for r in own])[:, None]
+        least = samples / (2 * c) * steps[used] + SMALLEST_VARIANCE * size[used] ** 2
         for few in (1, 2):
             largest = squares[:few].sum(axis=0)
             rest = squares[few:].mean(axis=0) + least
             p = comb(c, few) * scipy.special.fdtrc(few, c - few, largest / few / rest)
             # Neighbours may have moved in the same direction: their shifts add up.
-            found += _tests_of_channels(p, r, used, "burst", few * largest / c / one.samples)
+            added = few * largest / c / samples
+            for r, one, variance in zip(own, p, added, strict=True):
+                found += _tests_of_channels(one, r, used, "burst", variance)
     return found
 
 

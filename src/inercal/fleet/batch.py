@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
-from itertools import accumulate
+from itertools import accumulate, compress
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
@@ -113,13 +113,15 @@ def _rows_together(line: Line, work: Sequence[Work], first: int) -> list[dict[st
         return line.run(one.row, one.digest)
 
     begin = process_time()
-    local = [one for one in work if not is_address(one.row.recording)]
-    outcomes = calibrate_similar([partial(run, first + work.index(one), one) for one in local])
+    local = [not is_address(one.row.recording) for one in work]
+    numbered = list(enumerate(work, first))
+    outcomes = calibrate_similar([partial(run, *one) for one in compress(numbered, local)])
     rows: list[dict[str, Any]] = []
-    for number, one in enumerate(work, first):
-        begin_step(number)
-        settle = partial(next, outcomes) if one in local else partial(_calibrate, line, one)
-        rows.append(_row(line, one, settle))
+    for (number, one), is_local in zip(numbered, local, strict=True):
+        begin_step(number)  # again, because the tests of a sensor may need further fits
+        rows.append(
+            _row(line, one, partial(next, outcomes) if is_local else partial(_calibrate, line, one))
+        )
     used = (process_time() - begin) / len(rows)
     return [row | {"seconds": used} if row["status"] == results.DONE else row for row in rows]
 

@@ -248,13 +248,11 @@ class Scheduling:
         if not self._measured:
             return 1
         each = self._seconds / self._measured
-        share = self._left() * each / (2 * self._workers) if self._workers > 1 else TASK_SECONDS
+        begun = self._counts.settled + sum(map(len, self._under_way.values()))
+        left = (self._counts.sensors - begun) * each
+        share = left / (2 * self._workers) if self._workers > 1 else TASK_SECONDS
         seconds = min(TASK_SECONDS, max(share, SHORTEST_TASK))
         return round(min(max(seconds / each, 1), _MOST_IN_BATCH))
-
-    def _left(self) -> int:
-        """Return the number of sensors that are not in any batch."""
-        return self._counts.sensors - self._counts.settled - sum(map(len, self._under_way.values()))
 
     def _window(self) -> int:
         """Return the number of batches in progress: one for each worker if few are repaid."""

@@ -28,7 +28,7 @@ from inercal.methods import Fit, Remarks
 from inercal.physics.plan import Hold, Turn
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
+from inercal.physics.sensors.coefficient_tables import TERMS, ErrorTerm
 from inercal.recordings import Finding
 
 _REPEATED = "repeat a position of each axis at the end to detect it"
@@ -136,7 +136,7 @@ def _inputs_and_senses(
 def _bias(sensor: Sensor, one: _Pattern) -> ErrorTerm:
     """Return the table entry for the bias of a pattern's axis."""
     measures = next(axis.measures for axis in sensor.axes if axis.name == one.axis)
-    return next(line for line in TABLES[measures] if line.name == QUANTITIES[measures].bias)
+    return TERMS[measures][QUANTITIES[measures].bias]
 
 
 def _size_text(sensor: Sensor, one: _Pattern, size: float) -> str:

@@ -47,13 +47,14 @@ class WorkerProcess(_Process):
 
     def start(self) -> None:
         """Start the process with the interrupt blocked from its first instruction."""
-        self._environment = dict(os.environ)  # the server has that of its own start
+        self._environment = _SETTINGS | dict(os.environ)  # the server has that of its own start
         with nullcontext() if _HAS_SERVER else _prepared():  # its server is prepared
             super().start()
 
     def run(self) -> None:
         """Compute tasks until the parent ends."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # on systems where signals cannot be blocked
+        os.environ.clear()
         os.environ.update(self._environment)
         prepare_process()
         gc.freeze()  # a search for cycles would write to the memory shared with the server

@@ -322,7 +322,7 @@ def _files(run: RunBase[RestsSection], recording: Recording) -> tuple[tuple[int,
 
 def _planned_name(run: RunBase[RestsSection], label: str) -> str:
     """Return the plan's name for a label such as "+Z" or "z up", or the label itself."""
-    known = {step.label for step in nominal_plan(run)}
+    known = _visits(nominal_plan(run), 1)
     text, visit, number = label.partition(" (")
     name = planned_name(text)
     return label if text in known or name not in known else f"{name}{visit}{number}"

@@ -217,6 +217,7 @@ SI_UNITS = {  # SI sizes of the printed units
     "°/h/(K/min)": "(rad/s)/(K/s)",
 }
 TABLES = {"f": ACCELEROMETER, "w": GYRO, "m": MAGNETOMETER}
+TERMS = {kind: {term.name: term for term in table} for kind, table in TABLES.items()}
 # SI size and name of the bias unit, by kind of axis.
 BIAS_UNITS = {kind: (table[0].si, table[0].unit) for kind, table in TABLES.items()}
 GROUPS = tuple(dict.fromkeys(c.group for table in TABLES.values() for c in table))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from inercal.basics.keys import CoefficientName
 from inercal.physics.quantities import QUANTITIES
-from inercal.physics.sensors.coefficient_tables import TABLES
+from inercal.physics.sensors.coefficient_tables import TERMS
 from inercal.physics.sensors.sensor import Sensor
 
 _GROUPS = {
@@ -57,7 +57,8 @@ def coefficient_words(sensor: Sensor, word: str, components: Sequence[str] = ())
     names = [CoefficientName(one) for one in components or (word,)]
     axes = dict.fromkeys(one.axis for one in names)
     measures = {axis.name: axis.measures for axis in sensor.axes}
-    lines = [line for one in names for line in TABLES[measures[one.axis]] if line.name == one.term]
+    tables = [TERMS[measures[one.axis]] for one in names]
+    lines = [known[one.term] for one, known in zip(names, tables, strict=True) if one.term in known]
     term = CoefficientName(word).term
     meanings = dict.fromkeys(line.meaning for line in lines)
     if term in _GROUPS and any(line.name != term for line in lines):

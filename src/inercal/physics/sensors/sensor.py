@@ -20,7 +20,7 @@ from inercal.physics.quantities import KINDS, Measures
 from inercal.physics.sensors.axis import Axis, SensedMotion, motion_width, sensed_motion
 from inercal.physics.sensors.axis_model import MOTION_COMPONENTS, AxisResponse, Form, SimilarAxes
 from inercal.physics.sensors.coefficient_selection import select_coefficients
-from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
+from inercal.physics.sensors.coefficient_tables import TABLES, TERMS, ErrorTerm
 
 
 class Linearisation(NamedTuple):
@@ -74,11 +74,7 @@ class Sensor:
                 "each axis its own name",
                 names=tuple(names),
             )
-        terms = {
-            kind: {term.name: term for term in TABLES[kind]}
-            for kind in {axis.measures for axis in self.axes}
-        }
-        tables = {axis.name: terms[axis.measures] for axis in self.axes}
+        tables = {axis.name: TERMS[axis.measures] for axis in self.axes}
         chosen: dict[str, ErrorTerm] = {}
         for full in self.coefficients:
             axis, short = CoefficientName(full).parts
@@ -103,10 +99,16 @@ class Sensor:
 
     def select_axes(self, *measures: Measures) -> "Sensor":
         """Return a sensor with only the axes of the given kinds, and their coefficients."""
-        axes = tuple(a for a in self.axes if a.measures in measures)
-        kept = {a.name for a in axes}
-        names = tuple(c for c in self.coefficients if CoefficientName(c).axis in kept)
-        return replace(self, axes=axes, coefficients=names)
+        if measures not in self._parts:
+            axes = tuple(a for a in self.axes if a.measures in measures)
+            kept = {a.name for a in axes}
+            names = tuple(c for c in self.coefficients if CoefficientName(c).axis in kept)
+            self._parts[measures] = replace(self, axes=axes, coefficients=names)
+        return self._parts[measures]
+
+    @cached_property
+    def _parts(self) -> "dict[tuple[Measures, ...], Sensor]":
+        return {}
 
     def beside(self, other: "Sensor") -> "Sensor":
         """Return a sensor with the axes and coefficients of another one after its own."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.errors import InputError
 from inercal.recordings.io.column_table import (
+    LONGEST_LABEL,
     Array,
     Column,
     ReadRequest,
@@ -23,6 +24,7 @@ from inercal.recordings.io.isolation import Isolation
 from inercal.recordings.io.readers import Reader
 
 _NPY = b"\x93NUMPY"
+_LABEL_BYTES = 4 * LONGEST_LABEL  # of a NumPy text
 
 
 def _is_bounded(path: Path) -> bool:
@@ -57,10 +59,11 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
         The file cannot be read.
     """
     with path.open("rb") as file:
-        single = file.read(len(_NPY)) == _NPY
-    if single:
+        head = file.read(len(_NPY))
+    if head == _NPY:
         return _single_array(path, wanted)
-    zipfile.ZipFile(path).close()  # NumPy would accept other files as arrays
+    if not head.startswith(b"PK"):
+        zipfile.ZipFile(path).close()  # NumPy would accept other files as arrays
     with np.load(path, allow_pickle=False) as archive:
         names, columns, block = _columns(archive, wanted, path.name)
     return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
@@ -96,7 +99,8 @@ def _columns(
         if len(lengths) == 1:
             blank, block = wanted.empty_columns(n, wanted.block_columns)
         if column.dtype.kind == "U":
-            columns[name] = label_array(column.tolist(), name, source)
+            short = column.itemsize <= _LABEL_BYTES
+            columns[name] = column if short else label_array(column.tolist(), name, source)
         elif name not in blank:
             columns[name] = wanted.number_column(name, column)
         elif n == len(block):

@@ -116,8 +116,10 @@ def _step_at_rest(rests: Sequence[Array]) -> float:
 
 def _has_few_levels(rests: Sequence[Array]) -> bool:
     """Return whether most rests take only a few levels, each of them many times."""
-    looked_at = [_some(y) for y in rests]
-    few = sum(np.unique(y).size <= min(_FEW, max(1, y.size // 2)) for y in looked_at)
+    few = 0
+    for y in map(_some, rests):
+        most = min(_FEW, max(1, y.size // 2))
+        few += len(set(y[: 2 * most].tolist())) <= most and np.unique(y).size <= most
     return 2 * few >= len(rests)
 
 

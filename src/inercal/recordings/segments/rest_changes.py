@@ -95,8 +95,8 @@ def require_still(
         _block_statistics(recording, sensor, columns, mark, n)
         for mark, n in zip(marks, size, strict=True)
     ]
-    reach = np.stack([one for one, _ in judged])  # (sections, trials, axes)
-    own = np.stack([one for _, one in judged])
+    means, scatters = (np.stack(one) for one in zip(*judged, strict=True))
+    reach, own = np.ptp(means, axis=2), np.median(scatters, axis=2)  # (sections, trials, axes)
     usual = np.median(own, axis=0)
     of_means = own / np.sqrt(np.array(size))[:, None, None]
     fixed = [
@@ -148,15 +148,13 @@ def require_still(
 def _block_statistics(
     recording: Recording, sensor: Sensor, columns: Sequence[int], mark: Mark, n: int
 ) -> tuple[Array, Array]:
-    """Return the range of a section's block means, and the median of the blocks' scatters.
+    """Return the means of a section's blocks, and their scatters, (trials, blocks, m) each, SI.
 
-    Range and median are (trials, m) each, SI. If there is no trial axis, there is one trial.
+    If there is no trial axis, there is one trial.
     """
     data = recording.data[..., mark.start : mark.start + _BLOCK_COUNT * n, columns]
     parts = sensor.to_si(data).reshape(-1, _BLOCK_COUNT, n, len(columns))
-    means: Array = parts.mean(axis=2)
-    scatters: Array = parts.std(axis=2)
-    return np.ptp(means, axis=1), np.asarray(np.median(scatters, axis=1))
+    return np.asarray(parts.mean(axis=2)), np.asarray(parts.std(axis=2))
 
 
 def _step(recording: Recording, column: int) -> float:
