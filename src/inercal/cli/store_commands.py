@@ -381,7 +381,7 @@ def _parse_number(what: str) -> int | None:
 
 def _load_calibration(what: str, register: str | None) -> "Calibration":
     """Return a calibration by its number in the register, or from a file."""
-    from inercal.laboratory.store.document import make_document
+    from inercal.laboratory.store.insertions import make_document
 
     number = _parse_number(what)
     if number is None:

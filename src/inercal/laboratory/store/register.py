@@ -18,9 +18,9 @@ from inercal.laboratory.store.address import (
     require_place_of_register,
     resolve_address,
 )
-from inercal.laboratory.store.document import make_document, utc_now
 from inercal.laboratory.store.entries import CalibrationEntry, RunEntry, RunFacts, SensorEntry
 from inercal.laboratory.store.history import SensorHistory, build_history
+from inercal.laboratory.store.insertions import make_document, utc_now
 from inercal.laboratory.store.noise_history import NoiseEntry, enter_noise, read_noise
 from inercal.laboratory.store.register_tables import calibration, run
 from inercal.noise import NoiseAnalysis
