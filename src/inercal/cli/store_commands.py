@@ -338,7 +338,7 @@ def backup(
 ) -> None:
     """Write the register, including its certificates, to one file."""
     from inercal.laboratory.store import backup_register
-    from inercal.laboratory.store.address import resolve_address
+    from inercal.laboratory.store.connection import resolve_address
 
     file = resolve_address(register).file
     check_outputs({out: BACKUP}, () if file is None else (file,), force=force)
@@ -353,7 +353,7 @@ def restore(
 ) -> None:
     """Read a backup into a register that is empty or does not exist."""
     from inercal.laboratory.store import restore_register
-    from inercal.laboratory.store.address import resolve_address
+    from inercal.laboratory.store.connection import resolve_address
 
     shown = resolve_address(register).display_url
     rows = restore_register(file, register)

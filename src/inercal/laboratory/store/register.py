@@ -13,7 +13,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.system_user import user_name
 from inercal.calibration import Calibration
 from inercal.laboratory.store import certificates, connection, insertions, queries
-from inercal.laboratory.store.address import (
+from inercal.laboratory.store.connection import (
     RegisterAddress,
     require_place_of_register,
     resolve_address,
