@@ -30,9 +30,8 @@ from inercal.report.recording_residuals import (
     step_residual_figure,
     uses_whole_recording,
 )
-from inercal.report.sphere import missing_faces, sphere
 from inercal.report.templates import render
-from inercal.report.traces import scatter_figure, section_figure
+from inercal.report.traces import missing_faces, scatter_figure, section_figure, sphere
 
 if TYPE_CHECKING:
     from inercal.laboratory.store import SensorHistory
