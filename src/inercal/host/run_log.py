@@ -307,8 +307,8 @@ def _axis_count(payload: bytes) -> int:
     k, rest = divmod(len(payload) - _STATE_HEAD.size, _AXIS.size)
     if k < 1 or rest:
         raise InputError(
-            f"the log has a table state of {len(payload)} bytes; a state has {_STATE_HEAD.size} bytes "
-            f"and {_AXIS.size} more per axis: the log is of another version",
+            f"the log has a table state of {len(payload)} bytes; a state has {_STATE_HEAD.size} "
+            f"bytes and {_AXIS.size} more per axis: the log is of another version",
             key="payload",
         )
     return k
