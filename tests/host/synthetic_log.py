@@ -18,7 +18,8 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.simulation import PathProfile, path_profile
 from inercal.host.drivers.rotary_table import AxisState, TableState
 from inercal.host.packets import PacketLayout, encode, read_layout
-from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, pack_state
+from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog
+from inercal.host.table_state_codec import pack_state
 from inercal.physics.plan import Position, Rotation
 from inercal.runfile import Run, read
 

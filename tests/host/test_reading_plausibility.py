@@ -20,7 +20,8 @@ from inercal.host.assembly.reading_plausibility import (
     ReadingPlausibility,
 )
 from inercal.host.live_estimator import LiveEstimator
-from inercal.host.run_log import TABLE, LogFrame, unpack_states
+from inercal.host.run_log import TABLE, LogFrame
+from inercal.host.table_state_codec import unpack_states
 from inercal.runfile import Run
 
 ARCSEC = radians(1 / 3600)

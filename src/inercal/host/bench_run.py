@@ -41,7 +41,7 @@ from inercal.host.link import LinkLost
 from inercal.host.plan_check import require_feasible_plan, require_thermometer
 from inercal.host.recorder import PIECE_MAX, RunRecorder
 from inercal.host.run_folder import RunFolder
-from inercal.host.run_log import IMU, TABLE, pack_state
+from inercal.host.run_log import IMU, TABLE
 from inercal.host.sequencer import Command
 from inercal.host.soaks import SoakControl, open_soaks
 from inercal.host.spin_sequencer import (
@@ -52,6 +52,7 @@ from inercal.host.spin_sequencer import (
 )
 from inercal.host.table_driver import READ_TIMEOUT, TableDriver
 from inercal.host.table_lock import TableLock
+from inercal.host.table_state_codec import pack_state
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions, host_plan
 
 SHOW_INTERVAL = 0.2  # s of wall time between two updates of the display

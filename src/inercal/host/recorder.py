@@ -23,17 +23,9 @@ from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator, NavigationSolution, Navigator, is_whole_imu
 from inercal.host.packets import PacketLayout
 from inercal.host.run_folder import RunFolder
-from inercal.host.run_log import (
-    CHAMBER,
-    EVENT,
-    IMU,
-    TABLE,
-    LogFrame,
-    RunLog,
-    read_frames,
-    unpack_states,
-)
+from inercal.host.run_log import CHAMBER, EVENT, IMU, TABLE, LogFrame, RunLog, read_frames
 from inercal.host.sequencer import SectionEvent
+from inercal.host.table_state_codec import unpack_states
 
 # Bench time of the data that are processed at once, s. It is also the interval between comparisons
 # of gyros and table.

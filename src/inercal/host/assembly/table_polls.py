@@ -38,7 +38,7 @@ from inercal.host.assembly.reading_plausibility import (
     ReadingPlausibility,
 )
 from inercal.host.drivers.rotary_table import TableState
-from inercal.host.run_log import StateArrays
+from inercal.host.table_state_codec import StateArrays
 from inercal.methods.turntable.model import EPOCH_PERIOD
 from inercal.recordings import AngleQuality
 

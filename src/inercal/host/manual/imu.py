@@ -12,7 +12,8 @@ from inercal.host.clock import Tick
 from inercal.host.drivers.rotary_table import TableState
 from inercal.host.imu_port import ImuReceiver
 from inercal.host.interlocks import Interlocks
-from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, pack_state
+from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
+from inercal.host.table_state_codec import pack_state
 from inercal.runfile import Run
 
 _WORK_INTERVAL = 0.2  # s between two comparisons of gyros and table
