@@ -17,14 +17,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.noise.band_edge import band_below
 from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient, NoiseRefusal
 from inercal.noise.coefficients import Method, estimate_coefficients, possible_method, undetermined
 from inercal.noise.cross_checks import Estimates
 from inercal.noise.deviations import Deviations
 from inercal.noise.disturbances import Disturbance
 from inercal.noise.drift_regression import DriftFit, find_drift
-from inercal.noise.filter_search import FilterSearch, apply_filter, find_filter, settled_filter
+from inercal.noise.filter_search import (
+    FilterSearch,
+    apply_filter,
+    band_below,
+    find_filter,
+    settled_filter,
+)
 from inercal.noise.goodness import judge_fit
 from inercal.noise.likelihood import extended, fit_terms
 from inercal.noise.lines import SpectralLine
