@@ -169,7 +169,7 @@ def run(
             number = opened.enter_noise(analysis, name, measured)
             entered = {"register": opened.address, "sensor": name, "number": number}
     if json:
-        from inercal.noise.analysis_object import analysis_object
+        from inercal.noise.texts import analysis_object
 
         content = analysis_object(analysis) | {key: str(path) for key, path in files.items()}
         if sheet is not None:
