@@ -9,8 +9,8 @@ from inercal.basics.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from inercal.estimation.candidate_scores import score_tests
-    from inercal.estimation.filter_history import FilterHistory, SmoothedStates
     from inercal.estimation.fitting import Cauchy, least_squares
+    from inercal.estimation.innovations import FilterHistory, SmoothedStates
     from inercal.estimation.nullspace import NullDirection
     from inercal.estimation.priors_and_gauges import Gauge, Gaussian
     from inercal.estimation.problem import Problem

@@ -14,7 +14,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
-from inercal.estimation.filter_history import FilterHistory
+from inercal.estimation.innovations import FilterHistory
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.noise_scale import WhitenedRows
 from inercal.estimation.nullspace import NullDirection
