@@ -30,8 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
-from inercal.estimation.kernel_options import kernel, kernel_step
-from inercal.estimation.kernel_records import record
+from inercal.estimation.kernel_options import kernel, kernel_step, record
 
 
 @record

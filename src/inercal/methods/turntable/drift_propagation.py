@@ -3,8 +3,7 @@
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.estimation.kernel_options import kernel, kernel_step
-from inercal.estimation.kernel_records import record
+from inercal.estimation.kernel_options import kernel, kernel_step, record
 from inercal.methods.turntable.drift import Drift
 
 record(Drift)

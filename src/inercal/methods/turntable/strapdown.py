@@ -8,8 +8,7 @@ Functions write their results to arguments, in place.
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
-from inercal.estimation.kernel_options import kernel, kernel_step, kernel_value
-from inercal.estimation.kernel_records import record
+from inercal.estimation.kernel_options import kernel, kernel_step, kernel_value, record
 from inercal.methods.turntable.small_matrices import (
     Matrix,
     Vector,

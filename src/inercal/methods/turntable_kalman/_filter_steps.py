@@ -13,8 +13,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kalman import predict, update
-from inercal.estimation.kernel_options import kernel, kernel_step
-from inercal.estimation.kernel_records import record
+from inercal.estimation.kernel_options import kernel, kernel_step, record
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance
 from inercal.methods.turntable.strapdown import inverse_scale_matrix, sum_reading_terms
