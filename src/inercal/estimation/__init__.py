@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from inercal.estimation.fitting import Cauchy, least_squares
     from inercal.estimation.innovations import FilterHistory, SmoothedStates
     from inercal.estimation.nullspace import NullDirection
-    from inercal.estimation.priors_and_gauges import Gauge, Gaussian
-    from inercal.estimation.problem import Problem
+    from inercal.estimation.problem import Gauge, Gaussian, Problem
     from inercal.estimation.result import Estimate, ResidualGroup
     from inercal.estimation.scores import Candidate, ModelTest, ScoreTest, ScoreTestSet
     from inercal.estimation.trial_blocks import least_squares_of_trials

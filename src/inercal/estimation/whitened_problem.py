@@ -15,8 +15,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, row_products
 from inercal.basics.errors import InputError
-from inercal.estimation.priors_and_gauges import cholesky
-from inercal.estimation.problem import Problem
+from inercal.estimation.problem import Problem, cholesky
 
 
 def column_lengths(matrix: Array) -> Array:
