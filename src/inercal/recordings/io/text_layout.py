@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 from inercal.basics.errors import InputError
 from inercal.recordings.io.column_table import refuse_too_many_columns
-from inercal.recordings.io.line_forms import LineForm, find_line_form
-from inercal.recordings.io.table_start import is_number, table_start
+from inercal.recordings.io.table_start import LineForm, find_line_form, is_number, table_start
 
 COMMENTS = "#%"
 _SNIFFED_LINES = 150  # that are examined; enough for a preamble, and to contain a decimal comma
