@@ -18,7 +18,7 @@ import typer
 from typer.testing import CliRunner
 
 import inercal.cli
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS
 from inercal.benches.report_data import Panel, Plot, ReportInput, Series
 from inercal.cli.app import app
 from inercal.host import addresses

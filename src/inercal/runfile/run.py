@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import is_file, read_toml, texts_of
 from inercal.benches import Bench
-from inercal.benches.kind_definition import Kind
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS, Kind
 from inercal.benches.qualification import KEY, NO_QUALIFICATIONS, UsedQualifications
 from inercal.benches.qualification.bench_keys import (
     read_qualifications,

@@ -11,7 +11,7 @@ from typing import Any, Literal, cast
 from pydantic import Field, create_model, field_validator
 
 from inercal.basics.errors import InputError
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS
 from inercal.physics.section_settings import (
     DESCRIPTION,
     PLANNING,

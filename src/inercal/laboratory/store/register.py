@@ -328,7 +328,7 @@ class Register(Closeable):
 def _bench_kind(calibration: Calibration) -> str:
     """Return the kind of bench that a calibration's method uses; empty for an unknown method."""
     # The methods are imported here because they load compiled kernels, which reading does not need.
-    from inercal.benches.kinds import kind_name_for_class
+    from inercal.benches.kind_definition import kind_name_for_class
     from inercal.methods import METHODS
 
     method = METHODS.get(calibration.method)

@@ -29,8 +29,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.parallel import Executor
 from inercal.basics.units import Measured, format_number, format_quantity
 from inercal.benches import MeanBench
-from inercal.benches.kind_definition import Effect
-from inercal.benches.kinds import kind_for_bench
+from inercal.benches.kind_definition import Effect, kind_for_bench
 from inercal.estimation.uncertainty import BATCH, monte_carlo
 from inercal.pipeline.budget.imperfections import NOISE, Imperfection
 from inercal.pipeline.budget.virtual_experiment import Experiment

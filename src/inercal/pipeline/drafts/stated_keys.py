@@ -15,8 +15,7 @@ from pydantic import BaseModel
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import parse_toml
 from inercal.basics.units import si_factor
-from inercal.benches.kind_definition import Kind
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS, Kind
 from inercal.physics.plan import Turn
 from inercal.physics.quantities import SensorKind
 from inercal.physics.section_settings import PLANNING, BenchUsage, key_error
