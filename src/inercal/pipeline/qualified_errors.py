@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from inercal.basics.parameters import Parameter, QualifiedParameters
-from inercal.benches.qualification.joint_prior import joint_prior
+from inercal.benches.qualification.result import joint_prior
 from inercal.calibration import SharedError
 from inercal.estimation import Estimate
 from inercal.runfile import Run
