@@ -6,9 +6,13 @@ import numpy as np
 
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration.comparison import build_comparison, comparison_text
-from inercal.calibration.comparison.comparison_text import format_en
 from inercal.calibration.comparison.courses import LEAST_FOR_DRIFT, Course, fit_course
-from inercal.calibration.comparison.run_to_run import RunScatter, RunToRun, against_scatter
+from inercal.calibration.comparison.run_to_run import (
+    RunScatter,
+    RunToRun,
+    against_scatter,
+    format_en,
+)
 from inercal.calibration.suspect_text import p_value_text
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.laboratory.store.history import CoefficientTrend, SensorHistory
