@@ -22,8 +22,8 @@ from inercal.basics.documents import installed_version
 from inercal.basics.parameters import Parameter
 from inercal.basics.units import ZERO_CELSIUS, format_count
 from inercal.calibration import SharedError, Validity
-from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.calibration import SIMULATED
+from inercal.calibration.shared_errors import BenchEstimate
 from inercal.calibration.type_prior import load_type_prior
 from inercal.calibration.validity import Range
 from inercal.estimation import Estimate
