@@ -25,7 +25,7 @@ from inercal.basics.errors import InputError
 from inercal.calibration.comparison import Comparison
 from inercal.calibration.comparison.changes import CHANCE_FRACTION, JointTest, joint_test
 from inercal.calibration.grade import GRADE_WORDS
-from inercal.calibration.next_use import load_next_use
+from inercal.calibration.specification import load_next_use
 from inercal.calibration.suspect_text import p_value_text
 from inercal.estimation.uncertainty.conformity import expanded_uncertainty
 
