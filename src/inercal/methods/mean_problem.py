@@ -18,8 +18,8 @@ from inercal.benches import MeanBench, MeanMotion
 from inercal.estimation import Candidate, Estimate, Gauge, Gaussian, Problem
 from inercal.estimation.problem import Linearise, NormalEquationsOf
 from inercal.methods import Priors, candidates, solving, temperature
-from inercal.methods.estimator_inputs import require_matching_rows
 from inercal.methods.residuals import VectorEquations, vector_residuals
+from inercal.methods.solving import require_matching_rows
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 

@@ -34,7 +34,7 @@ from inercal.estimation import Cauchy, Estimate, Problem, least_squares
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL
 from inercal.methods import Priors
 from inercal.methods.centrifuge_norm.problems import norm_problem
-from inercal.methods.estimator_inputs import require_single_recording
+from inercal.methods.solving import require_single_recording
 from inercal.physics.plan import Spins
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations

@@ -16,11 +16,11 @@ from inercal.basics.units import format_count
 from inercal.benches.rate_table.bench import RateTable
 from inercal.estimation import Estimate, NullDirection
 from inercal.methods import Priors
-from inercal.methods.estimator_inputs import refuse_priors, require_single_recording
 from inercal.methods.ship_consistency import consistency, row_covariance
 from inercal.methods.ship_multi_angle import free_norm_directions as free
 from inercal.methods.ship_multi_angle import norm_equations
 from inercal.methods.ship_planar import affine_estimate
+from inercal.methods.solving import refuse_priors, require_single_recording
 from inercal.physics.plan import Spins
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel
