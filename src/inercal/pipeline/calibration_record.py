@@ -30,7 +30,7 @@ from inercal.estimation import Estimate
 from inercal.physics.plan import Turn
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
-from inercal.pipeline.qualified_errors import qualified_errors
+from inercal.pipeline.stated_values import qualified_errors
 from inercal.recordings.data import EstimatorInput
 from inercal.recordings.data.recording_loader import gyro_file
 from inercal.recordings.io.column_table import file_sha256
