@@ -13,8 +13,7 @@ from inercal.studies.centrifuge import (
     printed_tables,
 )
 from inercal.studies.centrifuge.simulated_centrifuge import ML_TRIAL_RATIO, repeat_experiment
-from inercal.studies.section_texts import build_study
-from inercal.studies.study import MessageCallback, Study
+from inercal.studies.study import MessageCallback, Study, build_study
 
 
 def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:

@@ -25,8 +25,7 @@ from inercal.studies.centrifuge.simulated_centrifuge import (
     steps,
 )
 from inercal.studies.claim import Claim, format_all, format_significant, judge_claim
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import StudySection, StudyTable
+from inercal.studies.study import StudySection, StudyTable, read_section_text
 
 TEXT = read_section_text("inercal.studies.centrifuge", "bench")
 

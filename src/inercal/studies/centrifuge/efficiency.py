@@ -9,8 +9,14 @@ from inercal.methods.centrifuge_norm import RATES, closed_formulas
 from inercal.physics.plan import Spin
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import format_all, format_significant
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 
 TEXT = read_section_text("inercal.studies.centrifuge", "efficiency")
 

@@ -15,8 +15,7 @@ from inercal.studies.dual_orthogonal import (
     squared_observation,
     step_angle,
 )
-from inercal.studies.section_texts import build_study
-from inercal.studies.study import MessageCallback, Study, compute_stages
+from inercal.studies.study import MessageCallback, Study, build_study, compute_stages
 
 TRIAL_RATIO = 4  # trials for the table of methods per trial for each other question
 

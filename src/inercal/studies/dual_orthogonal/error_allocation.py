@@ -29,8 +29,15 @@ from inercal.studies.dual_orthogonal.simulated_head import (
     simulate,
 )
 from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Call,
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "allocation")
 

@@ -8,10 +8,9 @@ text and the claims of a section are in the TOML file with the section's name.
 from itertools import islice
 
 from inercal.basics.parallel import Executor, in_order
-from inercal.studies.section_texts import build_study
 from inercal.studies.ship_model import equation_rank, estimators, optimiser, planar, wave_check
 from inercal.studies.ship_model.simulated_rate_table import simulate
-from inercal.studies.study import MessageCallback, Study
+from inercal.studies.study import MessageCallback, Study, build_study
 
 TRIALS_PER_DEVICE = 4  # number of trials in the tables
 TRIALS_PER_SEARCH = 500

@@ -11,9 +11,8 @@ from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
 from inercal.methods.ship_multi_angle.norm_equations import norm_jacobian, norm_residuals
 from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel
 from inercal.studies.claim import format_all, format_significant
-from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model import simulated_rate_table as simulated
-from inercal.studies.study import Call, StudySection, StudyTable
+from inercal.studies.study import Call, StudySection, StudyTable, read_section_text
 
 TEXT = read_section_text("inercal.studies.ship_model", "estimators")
 

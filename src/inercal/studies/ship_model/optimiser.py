@@ -17,9 +17,16 @@ from inercal.methods.ship_multi_angle.norm_equations import (
 from inercal.methods.ship_planar import fit_level_states
 from inercal.physics.sensors.affine import AffineModel
 from inercal.studies.claim import format_significant
-from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model import simulated_rate_table as simulated
-from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Call,
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 
 TEXT = read_section_text("inercal.studies.ship_model", "optimiser")
 

@@ -7,10 +7,9 @@ from inercal.benches.rate_table.fixture import PLANES, RPM, planar_plan
 from inercal.methods.ship_planar import fit_level_states
 from inercal.physics.sensors.affine import AffineModel
 from inercal.studies.claim import format_significant
-from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model import simulated_rate_table as simulated
 from inercal.studies.ship_model.estimators import UNCALIBRATED, EstimatorComparison
-from inercal.studies.study import Chart, Curve, StudyPanel, StudySection
+from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, read_section_text
 
 TEXT = read_section_text("inercal.studies.ship_model", "planar")
 

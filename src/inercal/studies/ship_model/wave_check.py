@@ -26,7 +26,6 @@ from inercal.basics.arrays import Array
 from inercal.physics.frames import exp_so3
 from inercal.physics.sensors import G0
 from inercal.studies.claim import format_significant
-from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model.estimators import UNCALIBRATED, EstimatorComparison
 from inercal.studies.ship_model.simulated_rate_table import (
     MILLI,
@@ -34,7 +33,15 @@ from inercal.studies.ship_model.simulated_rate_table import (
     median_estimate,
     select_trials,
 )
-from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Call,
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 
 _COMPONENTS = 60
 # In units of ω_p; a model does not follow waves much shorter than itself.

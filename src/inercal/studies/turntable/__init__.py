@@ -7,8 +7,7 @@ the TOML file with the section's name.
 """
 
 from inercal.basics.parallel import Executor
-from inercal.studies.section_texts import build_study
-from inercal.studies.study import MessageCallback, Study
+from inercal.studies.study import MessageCallback, Study, build_study
 from inercal.studies.turntable import printed_accuracy, state_models
 from inercal.studies.turntable import turntable_trials as of_devices
 

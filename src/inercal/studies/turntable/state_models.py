@@ -5,8 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from inercal.studies.claim import ClaimResult, format_all, format_significant
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 from inercal.studies.turntable import turntable_trials as trials
 from inercal.studies.turntable.printed_accuracy import EIGHTEEN_STATES, FULL_STATES, OWN_PATH
 from inercal.studies.turntable.simulated_turntable import LATENCY
