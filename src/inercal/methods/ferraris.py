@@ -28,8 +28,7 @@ from inercal.estimation import Estimate
 from inercal.estimation.uncertainty import propagate
 from inercal.methods import Method, Priors, estimator_inputs
 from inercal.methods.hand_likelihood import ml
-from inercal.methods.likelihood_tests import noise_only_estimate, with_problem_tests
-from inercal.methods.order_effects import order_remarks
+from inercal.methods.order_effects import noise_only_estimate, order_remarks, with_problem_tests
 from inercal.physics.plan import HandSteps, Turn, ferraris_plan
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations

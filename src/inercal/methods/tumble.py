@@ -63,8 +63,8 @@ from inercal.estimation.uncertainty import value_and_jacobian
 from inercal.methods import Method, Priors, dividing_head_problem, estimator_inputs, solving
 from inercal.methods import tumble_harmonics as harmonics
 from inercal.methods.dual_orthogonal import notes as notes_on_sums
-from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed
+from inercal.methods.order_effects import with_tests
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Index, Indexings, small_loop
 from inercal.physics.sensors import G0, Sensor

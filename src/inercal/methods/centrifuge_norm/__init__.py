@@ -49,8 +49,8 @@ from inercal.methods.centrifuge_norm.problems import (
     norm_problem,
 )
 from inercal.methods.centrifuge_norm.screening import screen_rows
-from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed
+from inercal.methods.order_effects import with_tests
 from inercal.physics.plan import Attitude, Spin, Spins, arm_attitude
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_words import coefficient_words

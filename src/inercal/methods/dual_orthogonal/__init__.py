@@ -45,8 +45,8 @@ from inercal.methods import Method, Priors, dividing_head_problem
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.methods.dual_orthogonal import patent_estimator as four
 from inercal.methods.dual_orthogonal.g_squared import MOUNTING_ANGLES
-from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed
+from inercal.methods.order_effects import with_tests
 from inercal.methods.solving import refuse_temperature_terms, require_matching_rows
 from inercal.physics.plan import Indexings
 from inercal.physics.sensors import Sensor

@@ -47,8 +47,8 @@ from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import PlatformSteps
 from inercal.estimation import Estimate, Problem
 from inercal.methods import Method, Priors, estimator_inputs, mean_problem, solving
-from inercal.methods.likelihood_tests import noise_only_estimate, with_problem_tests
 from inercal.methods.observability import require_observed
+from inercal.methods.order_effects import noise_only_estimate, with_problem_tests
 from inercal.methods.rates_and_poses.plan_structure import require_determined
 from inercal.physics.motion import Motion
 from inercal.physics.plan import small_loop
