@@ -40,7 +40,7 @@ from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.calibration.forms import Frame
 from inercal.estimation import Estimate, least_squares
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods import Fit, Method, Priors, Remarks, estimator_inputs, solving
+from inercal.methods import Fit, Method, Priors, Remarks, solving
 from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.methods.centrifuge_norm.omitted_coefficients import find_omitted_coefficients
 from inercal.methods.centrifuge_norm.problems import (
@@ -233,7 +233,7 @@ class ClosedFormulas:
         NotObserved
             The dwells do not give the regression full rank.
         """
-        estimator_inputs.require_plain_means(observations, sensor, priors, self.name, "ml")
+        solving.require_plain_means(observations, sensor, priors, self.name, "ml")
         mean = observations.mean
         singular = closed_formulas.regression_singular_values(sensor, mean, self.name)
         declared = bench.acting_parameters(steps, vectors=False)
