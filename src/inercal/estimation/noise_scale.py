@@ -30,7 +30,7 @@ from inercal.estimation.whitened_problem import column_lengths
 LEAST_RATIO = 1.3  # stated over observed; less is harmless, and 1.5 times always exceeds it
 LEVEL = 1e-3  # significance level for all comparisons of a run together
 _RANGE = float(np.log(1e4))  # s is between 1e-4 and 1e4
-_EXACT = 1e-6  # tolerance for ln s
+_EXACT_LOG = 1e-6  # tolerance for ln s
 _FEWEST = 1.0  # degrees of freedom
 
 
@@ -134,5 +134,5 @@ def noise_scale(rows: WhitenedRows, chosen: Bools, level: float = 1.0) -> NoiseS
 
     if not beyond(-_RANGE) > 0 > beyond(_RANGE):
         return None
-    s = float(np.exp(cast("float", scipy.optimize.brentq(beyond, -_RANGE, _RANGE, xtol=_EXACT))))
+    s = float(np.exp(cast("float", scipy.optimize.brentq(beyond, -_RANGE, _RANGE, xtol=_EXACT_LOG))))
     return NoiseScale(1 / s, dof, p_value)

@@ -1,7 +1,7 @@
 """Levenberg–Marquardt search for the minimum, for many trials at once.
 
 Minimises  Σ ρ(uᵢ(x)) + Σ |L⁻¹(μ − x)|²  over x that satisfy the gauges, where u is the whitened
-residual and ρ = u² or a robust loss. Each step solves the equations of `gauss_newton_steps`
+residual and ρ = u² or a robust loss. Each step solves the equations below
 (Marquardt 1963, SIAM J. 11, 431–441). Each trial has its own damping, acceptance and convergence;
 the damping follows the gain of the last step (Nielsen 1999, IMM-REP-1999-05). The search starts
 undamped, because calibrations are nearly linear.
@@ -15,9 +15,7 @@ taken. If it is below 10⁻⁸ of a standard deviation, residuals and derivative
 again. Otherwise the step is rejected only if it raises the cost and predicts a decrease below
 rounding, because rounding is a large part of χ² if χ² is far below one.
 
-Two solvers for the damped normal equations.
-
-Each step δ minimises |u − A δ|² + |v − B δ|² + λ |D δ|², where A are the whitened rows of the
+Two solvers solve the damped normal equations. Each step δ minimises |u − A δ|² + |v − B δ|² + λ |D δ|², where A are the whitened rows of the
 observations and B those of the priors. D is the root of the diagonal of AᵀA + BᵀB (Marquardt 1963),
 so neither the damping nor the conditioning depends on units. A few trials are solved by
 QR factorisation of the rows, which keeps the accuracy of the rows. Many trials are solved together

@@ -12,9 +12,9 @@ from inercal.noise.channel_noise import (
     QUANTITIES,
     ChannelNoise,
     NoiseAnalysis,
-    SensorKind,
     coefficient_unit,
 )
+from inercal.physics.quantities import SensorKind
 from inercal.noise.data_sheet import DataSheetNoise, SheetCoefficient, shown
 from inercal.noise.sensor_noise import axis_coefficient, root_mean_of_squares
 

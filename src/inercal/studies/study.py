@@ -24,7 +24,6 @@ from inercal.basics.arrays import Array
 from inercal.basics.parallel import Executor, in_order
 from inercal.studies.claim import Claim, ClaimResult, judge_claim
 
-
 MessageCallback = Callable[[str], object]
 
 

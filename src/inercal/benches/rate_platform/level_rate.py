@@ -24,7 +24,7 @@ from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Mark, Recording
 
-_UNITS = np.eye(3)
+_EYE = np.eye(3)
 _WHOLE = 0.99  # turns
 _BETTER = 14.0  # drop of χ², 3.7σ
 _TINY = 1e-12  # rad/s: no sensor has less noise, and the level earth rate at a pole is smaller
@@ -33,7 +33,7 @@ _TINY = 1e-12  # rad/s: no sensor has less noise, and the level earth rate at a 
 def perpendicular_axes(axis: str) -> tuple[Array, Array]:
     """Return the two case axes that follow an axis in the cycle x, y, z."""
     j = "xyz".index(axis[-1])
-    return _UNITS[(j + 1) % 3], _UNITS[(j + 2) % 3]
+    return _EYE[(j + 1) % 3], _EYE[(j + 2) % 3]
 
 
 def level_rate_factor(step: RateDwell) -> tuple[float, float]:

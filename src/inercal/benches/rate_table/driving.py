@@ -60,7 +60,7 @@ def _describe_mounting(step: Spin) -> str:
     return f"{up}, {plane[0]} toward the centre"
 
 
-def sensed_motion(
+def _motion_at_instants(
     bench: RateTable, steps: Sequence[Spin], values: Mapping[str, float]
 ) -> SensedMotion:
     """Return a function for the motion sensed on a rate table; see `MotionControl`."""
@@ -105,5 +105,5 @@ MOTION_CONTROL = MotionControl(
     required_keys={"time": '"time"', "rate": '"50 Hz"'},
     settling=lambda bench: _SETTLING_SECONDS,
     errors=RateTable.acting_parameters,
-    sensed_motion=sensed_motion,
+    sensed_motion=_motion_at_instants,
 )

@@ -13,7 +13,7 @@ from inercal.basics.errors import InputError
 from inercal.recordings import Finding, Recording
 
 SIGNED_KEY = "[data] signed_bits"
-_BITS = (16, 24, 32)
+_COUNT_BITS = (16, 24, 32)
 _MIDDLE = (3 / 8, 5 / 8)  # of the range; signed readings near full scale, which are rare
 _FEW = 0.02  # largest share of the samples there
 _SMOOTHER = 0.5  # of the largest step, once the readings have their signs
@@ -43,7 +43,7 @@ def unsigned_bits(values: Array) -> int | None:
     """
     found = values[np.isfinite(values)]
     top = float(found.max(initial=0.0))
-    bits = next((one for one in _BITS if top < 2.0**one), _BITS[-1])
+    bits = next((one for one in _COUNT_BITS if top < 2.0**one), _COUNT_BITS[-1])
     size = 2.0**bits
     low, high = _MIDDLE
     if top < high * size or found.min() > low * size or not are_counts(found, bits):

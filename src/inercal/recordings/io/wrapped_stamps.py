@@ -14,7 +14,7 @@ from inercal.basics.errors import InputError
 from inercal.recordings.io.column_table import Table
 
 MODULUS_KEY = "[data] counter_modulus"
-_BITS = (8, 16, 32)
+_STAMP_BITS = (8, 16, 32)
 _FRACTIONS = {8: (1,), 16: (1, 1e-3), 32: (1, 1e-3, 1e-6)}  # of ms and µs, in s or ms
 _LOST = 20  # steps; most that may be missing where the stamps wrap around
 Stamps = Array | NDArray[np.int64]
@@ -54,7 +54,7 @@ def wrap_modulus(stamps: Stamps) -> float | None:
     if not falls.size:
         return None
     step = float(np.median(steps))
-    for bits in _BITS:
+    for bits in _STAMP_BITS:
         for fraction in _FRACTIONS[bits]:
             modulus = 2**bits * fraction
             after = falls + modulus  # the step across the wrap-around
