@@ -21,7 +21,7 @@ from inercal.recordings.io.read import detect_reader
 from inercal.recordings.io.row_checks import TOO_LARGE, is_usable
 from inercal.recordings.io.table_start import is_number
 from inercal.recordings.io.text_layout import COMMENTS, TextLayout, sniff_lines
-from inercal.recordings.io.unsigned_counts import signed_counts
+from inercal.recordings.io.wrapped_numbers import signed_counts
 from inercal.recordings.temperature import is_impossible
 from inercal.runfile import Run
 

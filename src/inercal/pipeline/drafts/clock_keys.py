@@ -18,7 +18,7 @@ from inercal.recordings.io.audit import burst_findings
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.row_checks import shared_stamps_text
 from inercal.recordings.io.time_stamps import is_iso_time, times_from_iso, times_from_origin
-from inercal.recordings.io.wrapped_stamps import unwrap_stamps, wrap_modulus
+from inercal.recordings.io.wrapped_numbers import unwrap_stamps, wrap_modulus
 
 _TIME_UNITS = ("s", "ms", "µs", "ns")
 _RATES = (1.0, 20e3)  # Hz, plausible sampling rates of IMUs

@@ -39,7 +39,7 @@ from inercal.recordings.io.isolation import MOST_VALUES_KEY
 from inercal.recordings.io.read import detect_reader, read_recording, read_table
 from inercal.recordings.io.readers import known_options
 from inercal.recordings.io.table_recording import Columns
-from inercal.recordings.io.unsigned_counts import are_counts, signed_counts, unsigned_bits
+from inercal.recordings.io.wrapped_numbers import are_counts, signed_counts, unsigned_bits
 from inercal.recordings.segments.magnetic_means import new_value_rows
 from inercal.recordings.temperature import first_impossible
 from inercal.runfile.schema import ReadoutSection

@@ -25,7 +25,7 @@ from inercal.recordings.io.row_checks import (
     check_repeated_rows,
     check_time_order,
 )
-from inercal.recordings.io.unsigned_counts import unsigned_findings
+from inercal.recordings.io.wrapped_numbers import unsigned_findings
 from inercal.recordings.temperature import seems_kelvin
 
 _FASTEST = 1.0  # K/s; chambers for thermal shock reach a third of it
