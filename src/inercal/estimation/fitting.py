@@ -18,8 +18,8 @@ from inercal.estimation.candidate_scores import (
     spanned_candidates,
 )
 from inercal.estimation.lazy_value import LazyValue
-from inercal.estimation.noise_scale import WhitenedRows
 from inercal.estimation.problem import Problem
+from inercal.estimation.residual_scatter import WhitenedRows
 from inercal.estimation.result import NO_ROWS, OF_TRIALS, Estimate
 from inercal.estimation.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet, UnlikeTrials
 from inercal.estimation.search import Bools, merge, search

@@ -16,9 +16,8 @@ from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.estimation.innovations import FilterHistory
 from inercal.estimation.lazy_value import LazyValue
-from inercal.estimation.noise_scale import WhitenedRows
 from inercal.estimation.nullspace import NullDirection
-from inercal.estimation.residual_scatter import ScatterModel
+from inercal.estimation.residual_scatter import ScatterModel, WhitenedRows
 from inercal.estimation.scores import (
     NO_SCORE_TESTS,
     ModelTest,

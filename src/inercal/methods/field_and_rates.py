@@ -28,7 +28,7 @@ from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import Hand
 from inercal.estimation import Estimate
-from inercal.estimation.noise_scale import LEAST_RATIO
+from inercal.estimation.residual_scatter import LEAST_RATIO
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
 from inercal.methods.magnetic_field import (
     Directions,

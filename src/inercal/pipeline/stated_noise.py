@@ -7,7 +7,7 @@ comparison takes it into account. If the sensor moves or is held by hand, readin
 its noise. In these cases, only a stated white noise that is too large can be detected.
 
 For a table of means, the noise is only known from the run file, and the residuals show whether it
-is correct (`inercal.estimation.noise_scale`). The residuals also show if noise and bench errors
+is correct (`inercal.estimation.residual_scatter`). The residuals also show if noise and bench errors
 together were stated too large. This is only a remark, because a bench may be better than its user
 can prove.
 
@@ -31,7 +31,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import ObservationName
 from inercal.basics.units import format_number, format_value_and_uncertainty, si_factor
 from inercal.estimation import Estimate
-from inercal.estimation.noise_scale import LEAST_RATIO, LEVEL, noise_scale
+from inercal.estimation.residual_scatter import LEAST_RATIO, LEVEL, noise_scale
 from inercal.estimation.scores import chi2_tail_probability
 from inercal.physics.plan import Rotation, Spin, Step, Turn
 from inercal.physics.quantities import QUANTITIES
