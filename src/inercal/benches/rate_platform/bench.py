@@ -51,8 +51,7 @@ from inercal.basics.parameters import (
 )
 from inercal.basics.units import Measured
 from inercal.benches.contract import MeanMotion, NoReadingOffsets, require_possible_values
-from inercal.benches.rate_platform.level_rate import level_rate_factor
-from inercal.benches.rate_platform.mean_motion import sensed_motion
+from inercal.benches.rate_platform.mean_motion import level_rate_factor, sensed_motion
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Pose, RateDwell
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.sensors import Sensor

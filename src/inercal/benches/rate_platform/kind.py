@@ -23,9 +23,12 @@ from inercal.benches.contract import SensorSimulation, SimulatedMotion, concaten
 from inercal.benches.kind_definition import Kind, Vocabulary
 from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.level_rate import level_earth_rate, level_rate_factor
 from inercal.benches.rate_platform.linearity import LineFit, output_tables, straight_lines
-from inercal.benches.rate_platform.mean_motion import sensed_motion
+from inercal.benches.rate_platform.mean_motion import (
+    level_earth_rate,
+    level_rate_factor,
+    sensed_motion,
+)
 from inercal.benches.rate_platform.sections import PlatformStep, Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData, RatePlatformSection, build
 from inercal.benches.report_data import (

@@ -13,8 +13,8 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.characteristics import BAND_NOTE, characteristic_notes, rows_of_bands
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
-from inercal.benches.rate_platform.level_rate import level_rate_changes
 from inercal.benches.rate_platform.linearity import gyro_characteristics
+from inercal.benches.rate_platform.mean_motion import level_rate_changes
 from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates, require_steady
 from inercal.benches.rate_platform.section_finder import find_sections, settled
 from inercal.benches.rate_platform.sections import (
