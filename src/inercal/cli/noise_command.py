@@ -152,7 +152,7 @@ def run(
                 skipped_bands=bands,
                 gravity=_gravity(recording),
             )
-    from inercal.noise.data_sheet_comparison import compare_with_sheet
+    from inercal.noise.data_sheet import compare_with_sheet
     from inercal.noise.sensor_noise import require_stated, sensor_noise
 
     if register is not None:
