@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from inercal.estimation import _kernels, search
+from inercal.estimation import _kernels, gauss_newton_steps
 
 
 def case(trials: int, m: int, k: int, seed: int = 0):
@@ -55,9 +55,9 @@ def test_rows_and_weights_may_be_shared_by_all_trials(shared: str):
     rows, weight, u, prior_rows, v = case(20, 12, 7)
     rows = rows[:1] if shared != "weight" else rows
     weight = weight[:1] if shared != "rows" else weight
-    step = search.solve(rows, weight, u, prior_rows, v, np.zeros(20))
+    step = gauss_newton_steps.solve(rows, weight, u, prior_rows, v, np.zeros(20))
     whole = np.broadcast_to(rows, (20, 12, 7)), np.broadcast_to(weight, (20, 12))
-    expected = search.solve(*whole, u, prior_rows, v, np.zeros(20))
+    expected = gauss_newton_steps.solve(*whole, u, prior_rows, v, np.zeros(20))
     assert_allclose(step.step, expected.step, rtol=1e-9)
     assert_allclose(step.predicted, expected.predicted, rtol=1e-9)
 
@@ -79,14 +79,16 @@ def test_a_singular_trial_is_marked_and_spoils_no_other():
 def test_one_by_one_and_together_give_the_same_step(damped: bool):
     rows, weight, u, prior_rows, v = case(80, 12, 7)
     damping = np.full(80, 0.1 if damped else 0.0)
-    together = search.solve(rows, weight, u, prior_rows, v, damping)
-    few = slice(0, search.QR_MAX_TRIALS)
-    alone = search.solve(rows[few], weight[few], u[few], prior_rows, v[few], damping[few])
+    together = gauss_newton_steps.solve(rows, weight, u, prior_rows, v, damping)
+    few = slice(0, gauss_newton_steps.QR_MAX_TRIALS)
+    alone = gauss_newton_steps.solve(
+        rows[few], weight[few], u[few], prior_rows, v[few], damping[few]
+    )
     assert_allclose(together.step[few], alone.step, rtol=1e-9)
     assert_allclose(together.predicted[few], alone.predicted, rtol=1e-9)
-    covariance, ok = search.covariance(rows, weight, prior_rows)
+    covariance, ok = gauss_newton_steps.covariance(rows, weight, prior_rows)
     assert ok.all()
     size = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    other = search.covariance(rows[few], weight[few], prior_rows)[0]
+    other = gauss_newton_steps.covariance(rows[few], weight[few], prior_rows)[0]
     scale = size[few, :, None] * size[few, None, :]
     assert_allclose(covariance[few] / scale, other / scale, atol=1e-9)

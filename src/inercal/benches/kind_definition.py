@@ -1,6 +1,4 @@
-"""Kinds of benches by name.
-
-A kind of bench: its interface to the rest of the package.
+"""A kind of bench: its interface to the rest of the package, and the kinds by name.
 
 Each kind of bench is one `Kind` object, registered under `inercal.benches`. Its functions return
 data; the report draws them and the terminal prints them.

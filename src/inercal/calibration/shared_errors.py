@@ -1,4 +1,4 @@
-"""Errors of a bench that several calibrations share, because they last longer than a run.
+"""Errors of a bench that several calibrations share, and estimates of a bench from one run.
 
 A parameter q of the bench is stated as q₀ ± u_q, and no run measures it again. Examples are the
 radius of an arm, local gravity and the azimuth of a base. The coefficients c are estimated with
@@ -18,10 +18,9 @@ large residuals contain no information about q₀, and J = P / u_q² must remain
 
 Source: JCGM 102:2011 (GUM Supplement 2), 6.2; JCGM 100:2008, F.1.2.3 (common influences).
 
-Bench estimates: bench parameters that are determined only from the data of a run.
-
-The fit uses the stated value q₀ ± u_q of a bench parameter q as a prior. If the data also determine
-q, the prior can be removed from the result. The estimate q' then comes only from the run::
+Bench estimates are determined only from the data of a run. The fit uses the stated value q₀ ± u_q
+of a bench parameter q as a prior. If the data also determine q, the prior can be removed from the
+result. The estimate q' then comes only from the run::
 
     q' = q̂ + P_qq (q̂ − q₀)/(u_q² − P_qq),   P' = P + P_q P_qᵀ/(u_q² − P_qq)
 

@@ -1,13 +1,12 @@
-"""Limits for coefficients, and the test whether a calibration conforms to these limits.
+"""Limits for coefficients, the test of conformity, and the scatter from one use to the next.
 
 The result for the whole sensor is the worst result of all its limits. The probability that the
 sensor conforms is the probability that all coefficients conform at the same time, computed from
 their covariance. For example, if each of 24 independent coefficients conforms with a probability of
 99 %, all of them conform with 79 %.
 
-The scatter of a sensor from one use to the next, from a file of `inercal repeat`.
-
-Schema "inercal/repeatability/1": `sensor`, `frame`, `form`, `coefficients` (a list of name, unit,
+The scatter from one use to the next comes from a file of `inercal repeat`. Schema
+"inercal/repeatability/1": `sensor`, `frame`, `form`, `coefficients` (a list of name, unit,
 value and the uncertainties of mean and next use, SI), `scatter` (covariance that the next use adds,
 in that order), `dof`, and additional fields for readers.
 """

@@ -19,11 +19,10 @@ if TYPE_CHECKING:
 
 _NAMES = {
     "candidate_scores": ("score_tests",),
-    "filter_history": ("FilterHistory", "SmoothedStates"),
     "fitting": ("Cauchy", "least_squares"),
+    "innovations": ("FilterHistory", "SmoothedStates"),
     "nullspace": ("NullDirection",),
-    "priors_and_gauges": ("Gauge", "Gaussian"),
-    "problem": ("Problem",),
+    "problem": ("Gauge", "Gaussian", "Problem"),
     "result": ("Estimate", "ResidualGroup"),
     "scores": ("Candidate", "ModelTest", "ScoreTest", "ScoreTestSet"),
     "trial_blocks": ("least_squares_of_trials",),

@@ -1,7 +1,7 @@
 """Compiled kernels that solve the normal equations of many small problems at once.
 
 The trials lie side by side along the innermost array dimension ("lanes"), so that every operation
-of a textbook Cholesky factorisation becomes one vector operation over trials. `search`
+of a textbook Cholesky factorisation becomes one vector operation over trials. `gauss_newton_steps`
 contains the dense reference implementation. Kernels exchange a symmetric matrix (k, k) as its lower
 triangle, row after row, (k (k + 1)/2,).
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import NotObserved
-from inercal.estimation import nullspace, search
+from inercal.estimation import gauss_newton_steps, nullspace
 from inercal.estimation.candidate_scores import (
     score_tests,
     score_tests_of_trials,
@@ -158,7 +158,9 @@ def estimate_at_solution(
 ) -> Estimate:
     """Return the estimate at a solution, without a trials dimension if the problem has none."""
     if loss is None:
-        covariance, exists = search.covariance(point.rows, point.weight, system.prior_rows)
+        covariance, exists = gauss_newton_steps.covariance(
+            point.rows, point.weight, system.prior_rows
+        )
         pull = point.whitened
     else:
         covariance, exists = _robust_covariance(system, point, loss)
@@ -311,10 +313,10 @@ class LinearisedRows:
         if self._loss is not None:
             root = np.sqrt(self._loss.weight(u))
             weight, u = root * weight, root * u
-        step = search.solve(
+        step = gauss_newton_steps.solve(
             rows, weight, u, self._system.prior_rows, point.prior[some], damping[some]
         )
-        return search.moves(step, self._system.basis, point.x, some)
+        return gauss_newton_steps.moves(step, self._system.basis, point.x, some)
 
     def tried(
         self, x: Array, point: LinearisationPoint, active: Bools
@@ -359,7 +361,9 @@ def _robust_covariance(
     # With more outliers than good observations there is no curvature, and the formula fails.
     usable = mean > 0.05
     mean = np.where(usable, mean, 1.0)
-    inverse, ok = search.covariance(point.rows, np.sqrt(mean)[:, None] * weight, system.prior_rows)
+    inverse, ok = gauss_newton_steps.covariance(
+        point.rows, np.sqrt(mean)[:, None] * weight, system.prior_rows
+    )
     rows = weight[..., None] * point.rows
     normal = np.swapaxes(rows, -1, -2) @ rows
     meat = pull[:, None, None] * normal + system.prior_rows.T @ system.prior_rows

@@ -1,4 +1,4 @@
-"""Test a filter's innovations in groups of epochs, which reveals small biases.
+"""A filter's estimates and innovations by epoch, and tests in groups that reveal small biases.
 
 A sum of squares over all epochs can hide a small bias. If the filter's model is right, its
 innovations divided by their standard deviations are independent and N(0, 1). The sum over a group
@@ -16,8 +16,6 @@ with ten groups.
 
 The whitened residuals of a fit are not independent. If J is the Jacobian and C the covariance of
 the estimate, including priors, sums A r over groups have the covariance A Aᵀ − (A J) C (A J)ᵀ.
-
-The estimates and innovations of a sequential estimator at each epoch.
 """
 
 from dataclasses import dataclass

@@ -1,11 +1,9 @@
-"""Decorators for kernels, with variants that compile faster and call each other without overhead.
+"""Decorators for kernels that compile fast, and records that kernels receive by reference.
 
 The kernels allocate nothing and count no references to arrays. Their caller allocates the arrays
-that they use. Only this module and `kernel_records` use options and parts of Numba that are not
-public, and the allowed versions of Numba are limited because of them. All kernels use the `njit`
-defined here, which also accepts kernels cached by another version of inercal.
-
-Named tuples of arrays that kernels receive by reference.
+that they use. Only this module uses options and parts of Numba that are not public, and the allowed
+versions of Numba are limited because of them. All kernels use the `njit` defined here, which also
+accepts kernels cached by another version of inercal.
 
 Numba passes a named tuple by value, so each call of a kernel would pass hundreds of numbers, and
 the compiler would need most of its time for them. A `record` is stored in memory once per call from

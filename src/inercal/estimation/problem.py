@@ -4,12 +4,11 @@ y = h(x) + noise, where x contains the wanted parameters and the nuisances. `lin
 residual y − h(x) and the exact derivative ∂h/∂x. All arrays may have a leading trials dimension;
 trials are separate problems with the same structure.
 
-Knowledge from outside the observations: Gaussian priors and exact gauges.
-
-A prior N(μ, Σ) on some parameters enters as whitened rows L⁻¹(μ − x) with Σ = L Lᵀ, as if those
-parameters had been observed once. A gauge C x = d is exact: it fixes properties that no observation
-can determine (for example the orientation of a frame). The solver imposes it by moving only within
-its null space, x = x₀ + Z t with C Z = 0, not by a large weight.
+Knowledge from outside the observations is stated by priors and gauges. A Gaussian prior N(μ, Σ) on
+some parameters enters as whitened rows L⁻¹(μ − x) with Σ = L Lᵀ, as if those parameters had been
+observed once. A gauge C x = d is exact: it fixes properties that no observation can determine (for
+example the orientation of a frame). The solver imposes it by moving only within its null space, x =
+x₀ + Z t with C Z = 0, not by a large weight.
 """
 
 from collections.abc import Callable, Iterable, Sequence

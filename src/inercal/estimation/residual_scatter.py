@@ -1,4 +1,4 @@
-"""Estimate from residuals how much noise to add, or which share of the stated noise counts.
+"""Estimate from residuals how much noise to add, or by which factor to scale the stated noise.
 
 If observations scatter by more than their noise, they have errors that do not average out with more
 samples: the means of two identical rests then differ by more than their noise. Enlarging every
@@ -19,11 +19,9 @@ Source: Paule and Mandel 1982, J. Research NBS 87, 377–385, equations 8 to 10,
 mean, applied here to any linear model. χ² decreases with v and with s, so there is at most one
 root.
 
-Estimate the factor by which the noise of some observations was stated too large or too small.
-
-Assume that the noise of m observations is s times the stated noise, while priors and other
-observations are unchanged. For whitened residuals r and Jacobian A, restricted maximum likelihood
-then requires::
+To find the factor by which noise was stated too large or too small, assume that the noise of m
+observations is s times the stated noise, while priors and other observations are unchanged. For
+whitened residuals r and Jacobian A, restricted maximum likelihood then requires::
 
     |r(s)|²/s² = ν(s)        ν(s) = m − tr(C(s) AᵀA)/s²,   C(s) = (AᵀA/s² + M)⁻¹
 

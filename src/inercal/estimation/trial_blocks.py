@@ -12,7 +12,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
-from inercal.estimation import search, whitened_problem
+from inercal.estimation import gauss_newton_steps, whitened_problem
 from inercal.estimation.fitting import LinearisedRows, estimate_at_solution
 from inercal.estimation.nullspace import Observability, observability
 from inercal.estimation.problem import NormalEquations, Problem
@@ -158,7 +158,7 @@ def _solve_block(
     problem: Problem, part: slice, structure: Observability, max_iterations: int
 ) -> Estimate:
     trials = part.stop - part.start
-    if problem.normal_equations is not None and trials > search.QR_MAX_TRIALS:
+    if problem.normal_equations is not None and trials > gauss_newton_steps.QR_MAX_TRIALS:
         packed = PackedTrials(problem, trials)
         point, converged, iterations = search(packed, max_iterations)
         return packed.estimate(point, structure, converged, iterations)
@@ -266,8 +266,10 @@ class PackedTrials:
         """Return the moves; see `inercal.estimation.search.Trials`."""
         some = slice(None) if active.all() else np.flatnonzero(active)
         normal, gradient, prior = point.normal[some], point.gradient[some], point.prior[some]
-        step = search.solve_packed(normal, gradient, self._prior_rows, prior, damping[some])
-        return search.moves(step, self.basis, point.x, some)
+        step = gauss_newton_steps.solve_packed(
+            normal, gradient, self._prior_rows, prior, damping[some]
+        )
+        return gauss_newton_steps.moves(step, self.basis, point.x, some)
 
     def tried(self, x: Array, point: PackedPoint, active: Bools) -> tuple[PackedPoint, Array]:
         """Return a trial point and its cost; see `inercal.estimation.search.Trials`."""
@@ -294,7 +296,7 @@ class PackedTrials:
         self, point: PackedPoint, structure: Observability, converged: Bools, iterations: Indices
     ) -> Estimate:
         """Return the estimate at a solution."""
-        covariance, exists = search.covariance_packed(point.normal, self._prior_rows)
+        covariance, exists = gauss_newton_steps.covariance_packed(point.normal, self._prior_rows)
         if self.basis is not None:
             covariance = self.basis @ covariance @ self.basis.T
         return Estimate(

@@ -35,7 +35,7 @@ from inercal.basics.parameters import Parameter
 from inercal.benches import Hand
 from inercal.benches.hand.bench import sensed_motion
 from inercal.estimation import Estimate, Problem
-from inercal.estimation.search import QR_MAX_TRIALS
+from inercal.estimation.gauss_newton_steps import QR_MAX_TRIALS
 from inercal.methods import Priors, mean_problem, observability, solving
 from inercal.methods.mean_problem import ReadingNoise
 from inercal.physics.motion import Motion

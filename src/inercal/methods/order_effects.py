@@ -13,11 +13,10 @@ rows. The part of a pattern that the coefficients and bench errors absorb leaves
 pattern is reported if a size that shifts a coefficient by 5 u leaves residuals with a norm below 7.
 The report states this size (`inercal.calibration.detectability`).
 
-Maximum-likelihood tests for estimators that have no meaningful residuals of their own.
-
-A closed formula uses only some of the readings, or all of them with equal weights, so its residuals
-test nothing. The maximum-likelihood problem with the same observations and the stated bench gives a
-χ² and score tests of the readings, whichever formula is used.
+Some estimators have no meaningful residuals of their own; maximum likelihood tests them. A closed
+formula uses only some of the readings, or all of them with equal weights, so its residuals test
+nothing. The maximum-likelihood problem with the same observations and the stated bench gives a χ²
+and score tests of the readings, whichever formula is used.
 
 The formula itself is tested by its difference d from maximum likelihood. If both are valid, the
 maximum-likelihood estimate is efficient. For any other estimate with covariance C (Hausman 1978,

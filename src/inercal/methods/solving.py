@@ -1,7 +1,4 @@
-"""Least-squares estimates from one recording, or from many trials block by block.
-
-Checks of the inputs of estimators, with the same messages for every estimator.
-"""
+"""Parts that estimators share: checks of their inputs, and least squares for all trials."""
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, suppress

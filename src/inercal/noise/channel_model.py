@@ -3,7 +3,7 @@
 1. A filter is searched for (`filter_search`). It is accepted if the fit with this filter passes the
    test.
 2. If there is no filter, the terms are fitted to the whole spectrum.
-3. If this fit fails the test, only the band that the terms describe is used (`band_edge`).
+3. If this fit fails the test, only the band that the terms describe is used (`filter_search`).
 4. N, B and K are not reported in two cases: if white noise behind a filter cannot be distinguished
    from bias instability, or if neither a known filter shape nor a band describes the spectrum.
 

@@ -1,6 +1,4 @@
-"""Compare measured noise with the noise stated on a data sheet, channel by channel.
-
-Convert the noise stated on a data sheet to the coefficients N, B and K.
+"""Convert the noise stated on a data sheet to N, B and K, and compare measured noise with it.
 
 A noise density stated as rms/√bandwidth is one-sided, whereas N is the root of the two-sided
 density::

@@ -11,9 +11,8 @@ the white noise. If the floor is larger, the spectrum is attributed to white noi
 Gauss–Markov process, which has the same spectrum. The caller must test whether the fit with the
 filter describes the recording.
 
-Estimate white noise from low frequencies only, if no filter explains the high frequencies.
-
-The band starts at the lowest frequencies and grows by half octaves. In each step, N, B and K are
+If no filter explains the high frequencies, white noise is estimated from low frequencies only. The
+band starts at the lowest frequencies and grows by half octaves. In each step, N, B and K are
 fitted to the band, and the next half octave is compared with the fit. The band ends when this half
 octave differs from the fit by 3.3 times its standard uncertainty. At this point, the spectrum has
 already departed a little, and N would be a few per cent too small. The band that is used therefore

@@ -1,7 +1,8 @@
-"""Allan deviation of a recording with gaps, across the gaps or joined from its pieces.
+"""Recordings with gaps: their pieces, and Allan deviations across gaps or joined from pieces.
 
-All samples are placed on one time grid with the sampling interval. A difference between two means
-over m grid places is used if at least half of the places of each mean have a sample::
+For a deviation across the gaps, all samples are placed on one time grid with the sampling interval.
+A difference between two means over m grid places is used if at least half of the places of each
+mean have a sample::
 
     σ²(m Δ) = ½ mean of (mean of the later m − mean of the earlier m)²
 
@@ -9,13 +10,11 @@ The gaps are not filled. A mean over fewer samples contains more white noise, bu
 s the variance is still correct to 2 %. The equivalent degrees of freedom of the whole grid are
 multiplied by the share of the differences that are used.
 
-Split a recording at its gaps into pieces with a common sampling interval.
-
-If only a few single samples are lost, the neighbouring samples are joined without a gap; this
-changes K by 1.5 % if 1 % of the samples are lost. Larger gaps split the recording, and each piece
-has a separate likelihood, because interpolation over the gaps would change N by 10 % and K by a
-third. If time stamps jitter by less than 0.3 Δ, the samples are treated as evenly spaced. Otherwise
-they are averaged over blocks of equal time.
+All pieces have a common sampling interval. If only a few single samples are lost, the neighbouring
+samples are joined without a gap; this changes K by 1.5 % if 1 % of the samples are lost. Larger
+gaps split the recording, and each piece has a separate likelihood, because interpolation over the
+gaps would change N by 10 % and K by a third. If time stamps jitter by less than 0.3 Δ, the samples
+are treated as evenly spaced. Otherwise they are averaged over blocks of equal time.
 """
 
 from collections.abc import Sequence

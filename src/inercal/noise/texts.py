@@ -1,7 +1,4 @@
-"""Texts about a noise analysis for the terminal and the page.
-
-Convert a noise analysis to an object for JSON.
-"""
+"""Texts about a noise analysis for the terminal and the page, and the analysis as JSON."""
 
 from math import inf, isinf, sqrt
 from typing import Any

@@ -7,9 +7,9 @@ comparison takes it into account. If the sensor moves or is held by hand, readin
 its noise. In these cases, only a stated white noise that is too large can be detected.
 
 For a table of means, the noise is only known from the run file, and the residuals show whether it
-is correct (`inercal.estimation.residual_scatter`). The residuals also show if noise and bench errors
-together were stated too large. This is only a remark, because a bench may be better than its user
-can prove.
+is correct (`inercal.estimation.residual_scatter`). The residuals also show if noise and bench
+errors together were stated too large. This is only a remark, because a bench may be better than its
+user can prove.
 
 Noise that was stated too large is reported if the factor is at least 1.3 and chance does not
 explain this. The report is a warning if the uncertainties depend on the stated noise. This is the

@@ -1,6 +1,6 @@
-"""Bench constants that a run file states without "±", and their effect on the result.
+"""Bench constants stated without "±", and errors of qualified bench parameters.
 
-The uncertainty of such constants is assumed to be half a unit of the last digit
+The uncertainty of constants without "±" is assumed to be half a unit of the last digit
 (`inercal.basics.units.parse_quantity`). The contribution of a constant to u of a coefficient is
 found by assuming that the constant is exact::
 
@@ -8,8 +8,6 @@ found by assuming that the constant is exact::
 
 If this part is larger than the rest, the run is refused, because the assumption would dominate the
 result.
-
-Errors of qualified bench parameters, which several calibrations share.
 
 Calibrations with the same qualification share the covariance J Σ Jᵀ, where Σ is the covariance of
 the bench parameters b₀ and J = ∂c/∂b₀. It is stored as the columns of J L, where Σ = L Lᵀ. Column j

@@ -1,9 +1,7 @@
-"""The covariance of qualified parameters as the prior of an estimate.
+"""The qualification of a bench: values of its parameters from a separate measurement.
 
 Estimators, except filters, treat the parameters of a bench as independent. Their estimate is then
 updated with the joint covariance, which is exact for a linear problem (`with_prior_covariance`).
-
-The qualification of a bench: values of its parameters from a separate measurement.
 
 Two successive qualifications show the drift of a bench. If a parameter drifts as a random walk with
 the variance q t, the difference d of two determinations has the variance u₁² + u₂² + q t. This

@@ -1,14 +1,12 @@
-"""A rate platform, as a kind of bench, with its report and its worksheet.
+"""A rate platform, as a kind of bench, with report, worksheet and simulation.
 
 The report shows residuals of the straight lines, and directions at rest. The worksheet lists the
 sections, setting by setting.
 
-Simulation of a rate platform, which runs through its sections one after another.
-
-Each section begins at the azimuth of its setting, and its rate is constant. The earth's rate
-rotates relative to the case while the table turns. The recording omits the time between sections in
-the same setting. Between settings, and before each pose, the case is turned over by hand within
-three seconds; these samples have no label.
+A simulation runs through the sections one after another. Each section begins at the azimuth of its
+setting, and its rate is constant. The earth's rate rotates relative to the case while the table
+turns. The recording omits the time between sections in the same setting. Between settings, and
+before each pose, the case is turned over by hand within three seconds; these samples have no label.
 """
 
 from collections.abc import Sequence

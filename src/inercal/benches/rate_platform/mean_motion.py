@@ -2,12 +2,11 @@
 
 The equations and symbols are the same as in `inercal.benches.rate_platform.bench`.
 
-The level earth rate, which turns in the case while the table turns, and changes the readings.
-
-The change within a section follows from the rate of the table, except for the azimuth at its start.
-It is neither noise nor a disturbance, so it is subtracted before the samples of a section are
-judged. With h = (h₁, h₂) at the start of a section and s(t) the readings for unit h₁ and h₂ without
-their mean, h minimises
+The level earth rate turns in the case while the table turns, and changes the readings. The change
+within a section follows from the rate of the table, except for the azimuth at its start. It is
+neither noise nor a disturbance, so it is subtracted before the samples of a section are judged.
+With h = (h₁, h₂) at the start of a section and s(t) the readings for unit h₁ and h₂ without their
+mean, h minimises
 
     Σ (y − s h)²/σ² + 2 |h|²/(ω_ie cos φ)²
 
@@ -36,16 +35,17 @@ if TYPE_CHECKING:
     from inercal.benches.rate_platform.bench import RatePlatform
 
 
-_EYE = np.eye(3)
 _WHOLE = 0.99  # turns
 _BETTER = 14.0  # drop of χ², 3.7σ
 _TINY = 1e-12  # rad/s: no sensor has less noise, and the level earth rate at a pole is smaller
+
+_UNITS = np.eye(3)
 
 
 def perpendicular_axes(axis: str) -> tuple[Array, Array]:
     """Return the two case axes that follow an axis in the cycle x, y, z."""
     j = "xyz".index(axis[-1])
-    return _EYE[(j + 1) % 3], _EYE[(j + 2) % 3]
+    return _UNITS[(j + 1) % 3], _UNITS[(j + 2) % 3]
 
 
 def level_rate_factor(step: RateDwell) -> tuple[float, float]:
@@ -128,7 +128,6 @@ def level_rate_changes(
     return lambda label: unit_changes(*at[label]) @ known[label] if label in known else 0.0
 
 
-_UNITS = np.eye(3)
 _STEEP = 0.9  # if up has a larger x component, x is too near to up to be a reference
 Value = Callable[[str], Array]
 

@@ -6,11 +6,10 @@ time. With kind = "means" and the table's name in [data] file, the same run file
 Rows are then weighted by their own standard deviations. The table contains neither correlations of
 the noise between axes nor drift between rows.
 
-Interface for a host that drives a plain rate table, with the sensed motion at each instant.
-
-A run goes through one mounting after another; in each mounting, the table starts at rest, and the
-fastest rate comes last. With the symbols of `inercal.benches.rate_table.simulation`, and with the
-actual rate, azimuth and acceleration of the axis, the sensor senses::
+If a host drives the table, a run goes through one mounting after another; in each mounting, the
+table starts at rest, and the fastest rate comes last. With the symbols of
+`inercal.benches.rate_table.simulation`, and with the actual rate, azimuth and acceleration of the
+axis, the sensor senses::
 
     f = exp(φ) ((R + s) (−ω² out − ω' along) + g (√(1 − λ²) up − λ₁(α) out + λ₂(α) along))
 

@@ -1,6 +1,4 @@
-"""Describe the comparison of two calibrations in words and rounded numbers.
-
-Test whether the difference of two calibrations exceeds the usual scatter from run to run.
+"""Describe a comparison in words, and test it against the usual scatter from run to run.
 
 E_n and χ² test whether a sensor changed by more than the stated uncertainties allow. The
 coefficients of a sensor also scatter from one turn-on, day and mounting to the next, with standard

@@ -26,8 +26,8 @@ from inercal.benches.centrifuge.arm_motion import (
 )
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimation import Candidate, Problem
+from inercal.estimation.gauss_newton_steps import QR_MAX_TRIALS
 from inercal.estimation.problem import NormalEquations
-from inercal.estimation.search import QR_MAX_TRIALS
 from inercal.methods import Priors, candidates, mean_problem, temperature
 from inercal.methods.centrifuge_norm import rotation_gauge
 from inercal.methods.mean_problem import Unknowns

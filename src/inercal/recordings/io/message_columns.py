@@ -1,11 +1,11 @@
-"""Convert messages in a log to columns of a table, joining topics by their times.
+"""Convert messages in a log to columns of a table, and state the corrections made before logging.
 
 A column is named "topic.field"; "time" is the time of the samples, s, from the first one. Among the
 topics of the wanted channels, the one with the fewest messages defines the samples. Every other
 topic contributes its message that is nearest in time. Readings are not interpolated, because that
 would filter their noise.
 
-Corrections that a flight controller made before logging, and how to undo them.
+A flight controller may have corrected its readings before logging::
 
     reading = R ((raw − offset) ∘ scale)        raw = (Rᵀ reading) / scale + offset
 

@@ -5,12 +5,11 @@ are several such rows, some of them contain the units or the kind of each column
 names are then the lowest row whose cells all differ. Without a header, lines of prose above the
 data are left out.
 
-Lines in which a terminal or a sketch writes words between the numbers, read as plain rows.
-
-A serial monitor writes the time of arrival before each line (`10:11:23.000 -> 1.2,3.4`). A sketch
-for a serial plotter writes a name before each number (`ax:1.2 ay:3.4`), and others write a word
-before a group of numbers (`a/g: 1 2 3 4 5 6`). The words are the same in all rows. Names become the
-header; the time of arrival is that of the link, not of the sensor, and is left out.
+Lines in which a program writes words between the numbers are read as plain rows. A serial monitor
+writes the time of arrival before each line (`10:11:23.000 -> 1.2,3.4`). A sketch for a serial
+plotter writes a name before each number (`ax:1.2 ay:3.4`), and others write a word before a group
+of numbers (`a/g: 1 2 3 4 5 6`). The words are the same in all rows. Names become the header; the
+time of arrival is that of the link, not of the sensor, and is left out.
 """
 
 import re

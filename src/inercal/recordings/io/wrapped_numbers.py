@@ -1,11 +1,9 @@
-"""Stamps and counters that wrap around to 0, because they have a limited number of bits.
+"""Stamps that wrap around to 0, and signed counts that were written as unsigned numbers.
 
 A counter of b bits wraps around after M = 2^b of its units: a packet counter after 256 or 65536
 packets, and a 32-bit counter of µs after 71.6 minutes. Its readings s then fall by nearly M:
 
     t_k = s_k + M · (number of falls up to sample k)
-
-Signed counts that a program wrote as unsigned numbers.
 
 A sensor's counts of b bits run from −2^(b−1) to 2^(b−1) − 1. Written as unsigned numbers, −1
 becomes 2^b − 1: small readings of both signs then lie at both ends of the range, with nothing in
