@@ -233,7 +233,7 @@ class Run(RunBase[Any]):
             solve = partial(global_, options=self.search, progress=progress)
         if not self.qualified.each:
             return solve
-        from inercal.benches.qualification.result import JointPriorEstimator
+        from inercal.benches.qualification.joint_prior import JointPriorEstimator
 
         return JointPriorEstimator(solve)
 
