@@ -19,7 +19,6 @@ from math import degrees, nan, radians
 from typing import Any
 
 from inercal.basics.closeable import on_failure
-from inercal.host.drivers.registry import Driver
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
@@ -29,7 +28,7 @@ from inercal.host.drivers.rotary_table import (
     TableState,
     stop_with_retry,
 )
-from inercal.host.drivers.table_address import TableAddress
+from inercal.host.drivers.table_address import Driver, TableAddress
 from inercal.host.drivers.text_dialogue import TextDialogue
 
 _NUMBER = re.compile(r"[+-]?\d{1,12}(?:\.\d{0,12})?", re.ASCII)

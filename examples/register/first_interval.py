@@ -13,8 +13,8 @@ import numpy as np
 import inercal
 from inercal.calibration import Calibration
 from inercal.laboratory.store import Register
+from inercal.laboratory.store.history_text import interval_text, recalibration_lines
 from inercal.laboratory.store.recalibration import recalibration
-from inercal.laboratory.store.recalibration_text import interval_text, recalibration_lines
 from inercal.laboratory.store.type_pool import type_pool
 
 rng = np.random.default_rng(1)

@@ -11,7 +11,7 @@ from tests.refusals import refused
 
 from inercal.host.driver_check import CheckResult, check_driver
 from inercal.host.driver_check.checks import CHECKS
-from inercal.host.drivers.registry import DRIVERS
+from inercal.host.drivers.table_address import DRIVERS
 from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.sim.acutrol import SimulatedAcutrol
 from inercal.host.sim.dynamics import LineSession

@@ -12,7 +12,7 @@ from tests.base_seeds import evidence
 from tests.host.by_hand import Act, ByHand, Moment, pmac_of
 from tests.host.simulated_runs import plan
 
-from inercal.host.manual.command_check import LIMIT_MARGIN
+from inercal.host.manual.commands import LIMIT_MARGIN
 from inercal.runfile import Run
 
 INNER = 2  # its place

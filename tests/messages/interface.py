@@ -8,7 +8,7 @@ from tests.runfile.run_file_texts import FERRARIS, changed
 from inercal.cli.options import run_options
 from inercal.cli.outputs import PAGE, WORKSHEET, check_outputs, require_same_run
 from inercal.laboratory.store import Register
-from inercal.laboratory.store.address import resolve_address
+from inercal.laboratory.store.connection import resolve_address
 from inercal.pipeline import simulate
 from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
 from inercal.pipeline.design import rehearse_plan

@@ -22,8 +22,8 @@ from inercal.benches.kind_definition import KINDS
 from inercal.benches.report_data import Panel, Plot, ReportInput, Series
 from inercal.cli.app import app
 from inercal.host import addresses
-from inercal.host.drivers.registry import DRIVERS, Driver
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
+from inercal.host.drivers.table_address import DRIVERS, Driver
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0, TABLES, inverse, triad
 from inercal.physics.sensors.coefficient_tables import Basis, ErrorTerm

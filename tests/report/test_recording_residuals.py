@@ -8,7 +8,7 @@ from tests.runs.test_turntable_runs import copy_run, path_with_labels, simulate_
 
 from inercal.pipeline import calibrate
 from inercal.report import write_report
-from inercal.report.recording_residuals import residuals_by_step
+from inercal.report.traces import residuals_by_step
 
 KEPT = (
     "warm-up",

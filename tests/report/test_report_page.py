@@ -23,8 +23,7 @@ from inercal.report import write_report
 from inercal.report.calibration_page import calibration_page
 from inercal.report.figures import residuals
 from inercal.report.report_tables import bench_tables, coefficients, strongest_correlations
-from inercal.report.sphere import missing_faces
-from inercal.report.traces import MAX_POINTS, envelope
+from inercal.report.traces import MAX_POINTS, envelope, missing_faces
 from inercal.runfile import Run, read
 
 

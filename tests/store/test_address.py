@@ -18,7 +18,7 @@ from inercal.basics.errors import InputError
 from inercal.calibration.files import parse
 from inercal.cli.app import main
 from inercal.laboratory.store import Register
-from inercal.laboratory.store.address import resolve_address
+from inercal.laboratory.store.connection import resolve_address
 
 
 def refusal(address: str) -> str:

@@ -18,7 +18,7 @@ from inercal.laboratory.store import (
     backup_register,
     restore_register,
 )
-from inercal.laboratory.store.address import resolve_address
+from inercal.laboratory.store.connection import resolve_address
 from inercal.laboratory.store.register_tables import certificate
 
 

@@ -19,7 +19,7 @@ from tests.base_seeds import evidence
 from tests.store.calibration_generator import DRIFTING, content, write
 
 from inercal.laboratory.store import Register
-from inercal.laboratory.store.address import resolve_address
+from inercal.laboratory.store.connection import resolve_address
 
 FEW = 10
 FILES_PER_KILL = 12  # more than are entered before the kills are over

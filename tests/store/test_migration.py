@@ -13,8 +13,7 @@ from tests.store.calibration_generator import ten
 
 from inercal.basics.errors import InputError
 from inercal.laboratory.store import Register
-from inercal.laboratory.store.address import resolve_address
-from inercal.laboratory.store.connection import VERSION_TABLE
+from inercal.laboratory.store.connection import VERSION_TABLE, resolve_address
 from inercal.laboratory.store.register_tables import metadata
 
 

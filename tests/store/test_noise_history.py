@@ -14,7 +14,7 @@ from tests.store.calibration_generator import ten
 
 from inercal.basics.errors import InputError
 from inercal.laboratory.store import Register, backup_register, noise_trends, restore_register
-from inercal.laboratory.store.address import resolve_address
+from inercal.laboratory.store.connection import resolve_address
 from inercal.noise import NoiseAnalysis, analyse_noise
 from inercal.recordings import Recording
 

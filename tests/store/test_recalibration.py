@@ -9,12 +9,12 @@ from tests.store.calibration_generator import DRIFTING, G0, ten
 
 from inercal.basics.errors import InputError
 from inercal.laboratory.store import Register, SensorHistory
-from inercal.laboratory.store.recalibration import LONGER, SHORTER, expanded_after, recalibration
-from inercal.laboratory.store.recalibration_text import (
+from inercal.laboratory.store.history_text import (
     expanded_text,
     limit_text,
     recalibration_lines,
 )
+from inercal.laboratory.store.recalibration import LONGER, SHORTER, expanded_after, recalibration
 from inercal.laboratory.store.type_pool import type_pool
 
 

@@ -1,12 +1,298 @@
-"""`inercal plan`: print the steps of a plan and the expected uncertainties."""
+"""`inercal plan`: print the steps of a plan and the expected uncertainties.
 
-from math import inf
+Output of a plan: its steps, the expected uncertainties and the table to fill in.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+from math import inf, isfinite
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
+from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_duration
+from inercal.cli import console
 from inercal.cli.options import Force, Json, Scheduler, Workers, warn_of_root
+from inercal.cli.outputs import WORKSHEET, check_outputs, require_suffix
+from inercal.physics.quantities import QUANTITIES
+
+if TYPE_CHECKING:
+    from inercal.basics.parallel import Executor
+    from inercal.pipeline.design.plan_rehearsal import ExpectedUncertainty
+    from inercal.runfile import Run
+
+
+_SEED = 0  # seed for the path search
+
+
+class _Plan(NamedTuple):
+    """A plan for the terminal and for JSON; each part of `expected` is one table section."""
+
+    steps: list[dict[str, Any]]
+    seconds: float
+    title: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]  # an empty row begins a section
+    expected: Sequence[Sequence["ExpectedUncertainty"]]
+    notes: Sequence[str]
+    more: Mapping[str, Any]  # further keys of the JSON object
+
+
+def print_plan(
+    run_file: Path,
+    keys: Mapping[str, object],
+    out: Path | None,
+    executor: "Executor",
+    *,
+    force: bool,
+    json: bool,
+) -> None:
+    """Print the plan of a run, and with `out` write the table to fill in.
+
+    Raises
+    ------
+    InputError
+        `out` is given for a plan without a table, is not a .csv file or already exists (without
+        `force`), or the plan cannot be computed.
+    NotObserved
+        The plan does not determine all coefficients.
+    """
+    from inercal.runfile import read
+
+    run = read(run_file, keys)
+    files: dict[str, Path] = {}
+    with console.progress_status(f"computing the uncertainties of {run.method.name}"):
+        recorded = run.kind.sampled or (
+            run.method.unknown_attitudes and run.data.kind == "recording"
+        )
+        if not recorded:
+            plan, files = _worksheet_plan(run, out, force=force)
+        elif out is not None:
+            raise InputError(
+                f"--out: a plan of {run.method.name} for a recording has no table to fill in; "
+                "remove --out",
+                key="--out",
+            )
+        else:
+            plan = _path_plan(run) if run.kind.sampled else _hand_plan(run, executor)
+    _print_plan(run, plan, files, json=json)
+    if files and not json:
+        print(_next_step(run, files["sheet"]))
+
+
+def print_optimised_plan(
+    run_file: Path,
+    keys: Mapping[str, object],
+    duration: str,
+    trials: int,
+    out: Path | None,
+    *,
+    force: bool,
+    json: bool,
+) -> None:
+    """Search for a path, print its plan and write it to a file."""
+    from inercal.basics.units import parse_quantity
+    from inercal.benches.turntable import require_turntable
+    from inercal.pipeline.design.path_search import path_table, search_path, with_path
+    from inercal.runfile import read
+
+    try:
+        seconds = parse_quantity(duration, "s").value
+    except InputError as error:
+        raise InputError(f"--optimise {duration}: {error}", key="--optimise") from None
+    run = read(run_file, keys)
+    if out is not None:
+        require_suffix(out, ".csv")
+        check_outputs({out: WORKSHEET}, run.input_files(), force=force)
+    with console.progress_status("searching for a path") as say:
+        found = search_path(run, seconds, trials, _SEED, lambda k: say(f"path {k} of {trials}"))
+    note = (
+        f"This is the best of {found.tried} paths of at most {duration}. Its uncertainties are "
+        f"{found.ratio:.2g} times those of the run file's path (geometric mean)."
+    )
+    files: dict[str, Path] = {}
+    if out is not None:
+        write_text(out, path_table(found.steps, require_turntable(run).names))
+        files["path"] = out
+    more = {"optimised": {"ratio": found.ratio, "tried": found.tried}}
+    plan = _path_plan(with_path(run, found.steps))
+    plan = plan._replace(notes=(note, *plan.notes), more={**plan.more, **more})
+    _print_plan(run, plan, files, json=json)
+
+
+def _print_plan(run: "Run", plan: _Plan, files: Mapping[str, Path], *, json: bool) -> None:
+    if json:
+        expected = [_uncertainty_as_object(each) for each in plan.expected[0]]
+        content: dict[str, Any] = {
+            "steps": plan.steps,
+            "seconds": plan.seconds,
+            "expected": expected,
+            **plan.more,
+        }
+        console.print_json(content | {kind: str(path) for kind, path in files.items()})
+        return
+    _print(run, plan)
+    console.print_written_files(files.values())
+
+
+def _next_step(run: "Run", sheet: Path) -> str:
+    """Return the instructions for the table: fill it in, then calibrate."""
+    fill = f"fill {sheet.name}"
+    if run.data.kind == "means":
+        if run.file(run.data.file).resolve() == sheet.resolve():
+            command = f"inercal measure {run.path}"
+            return f"{fill} by hand or with {command}; next: inercal calibrate {run.path}"
+        fill += f" by hand or with inercal measure {sheet} --run {run.path}"
+    kinds = dict.fromkeys(axis.measures for axis in run.sensor.axes)
+    stated = " and ".join(QUANTITIES[kind].sensor for kind in kinds)
+    return (
+        f'{fill}; then calibrate it with [data] file = "{sheet.name}", kind = "means" and '
+        f"[data.sd] {stated}, the standard deviation of a mean"
+    )
+
+
+def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
+    from inercal.pipeline.design import rehearse_plan
+    from inercal.pipeline.design.plan_rehearsal import coefficient_uncertainties
+
+    result = rehearse_plan(run, executor=executor)
+    steps = [
+        {"label": step.label, "what": step.describe(), "seconds": step.seconds}
+        for step in result.steps
+    ]
+    std = dict(zip(result.sensor.coefficients, result.std.tolist(), strict=True))
+    notes = (
+        "The named axis points up and reads +1 g.",
+        "Turn slowly from rest to rest, on any path, and wait until the hand is at rest.",
+        "Keep the order, because the gyros are calibrated from the turns between the rests.",
+        "The uncertainties assume the stated noise, without tremor or drift.",
+    )
+    return _Plan(
+        steps,
+        result.seconds,
+        f"{len(result.steps)} rests, {format_duration(result.seconds)} in all",
+        ("rest", "attitude", "hold for"),
+        [(step.label, step.describe(), f"{step.seconds:g} s") for step in result.steps],
+        (coefficient_uncertainties(result.sensor, std),),
+        notes,
+        {},
+    )
+
+
+def _path_plan(run: "Run") -> _Plan:
+    from inercal.benches.turntable import require_turntable
+    from inercal.pipeline.design.turntable_path import turntable_path_sheet
+
+    sheet = turntable_path_sheet(run)
+    notes = [f"not determined by the path (in g and rad/s): {words}" for words in sheet.undecided]
+    if notes:
+        axes = require_turntable(run).axes
+        notes.append(
+            "Turn about each axis of the body, hold more attitudes, or give priors."
+            if len(axes) == len("xyz")
+            else f"A table with axes {axes} does not determine every coefficient: choose some "
+            'with [method] coefficients, such as ["gz.bias", "gz.scale"].'
+        )
+    notes += sheet.warnings
+    notes.append("The uncertainties assume the stated noise and table, and an ideal sensor.")
+    steps = [
+        {
+            "label": row.step.label,
+            "what": row.step.describe(),
+            "move_seconds": row.move,
+            "seconds": row.seconds,
+        }
+        for row in sheet.rows
+    ]
+    return _Plan(
+        steps,
+        sheet.seconds,
+        f"{len(sheet.rows)} steps, {format_duration(sheet.seconds)} in all",
+        (">row", "label", "motion of the table", ">move", ">for"),
+        [
+            (str(row.number), row.step.label, row.step.describe().replace("-", "−"),
+             f"{row.move:.1f} s" if row.move else "", f"{row.seconds:.1f} s")
+            for row in sheet.rows
+        ],
+        (sheet.expected,),
+        notes,
+        {"undecided": list(sheet.undecided), "warnings": list(sheet.warnings)},
+    )  # fmt: skip
+
+
+def _worksheet_plan(run: "Run", out: Path | None, *, force: bool) -> tuple[_Plan, dict[str, Path]]:
+    """Return the plan for a bench with a worksheet, and the files that were written."""
+    from inercal.pipeline.design.worksheet import build_worksheet, run_sheet, worksheet_csv
+    from inercal.report import write_worksheet
+
+    files = {}
+    if out is not None:
+        files = _output_files(out, run.input_files(), page=bool(run_sheet(run).boxes), force=force)
+    worksheet = build_worksheet(run)
+    if files:
+        write_text(files["sheet"], worksheet_csv(worksheet))
+    if "page" in files:
+        write_worksheet(worksheet, files["page"], files["sheet"].name)
+    sheet = worksheet.sheet
+    rows = [
+        cells
+        for _, group in groupby(sheet.rows, lambda row: row.group)
+        for cells in (*(row.cells for row in group), ())
+    ]
+    more: dict[str, Any] = {"notes": list(sheet.notes)}
+    if sheet.sums:
+        more["together"] = [_uncertainty_as_object(each) for each in worksheet.together]
+    plan = _Plan(
+        [{"label": row.label, **row.facts, "seconds": row.seconds} for row in sheet.rows],
+        sheet.seconds,
+        sheet.title,
+        [f">{head.text}" if head.align_right else head.text for head in sheet.headings],
+        rows,
+        (worksheet.expected, worksheet.together),
+        sheet.notes,
+        more,
+    )
+    return plan, files
+
+
+def _output_files(out: Path, inputs: Sequence[Path], *, page: bool, force: bool) -> dict[str, Path]:
+    """Return the output files: "sheet", and "page" if the worksheet has a page."""
+    require_suffix(out, ".csv", "; the page is written next to it" * page)
+    files = {"sheet": out} | ({"page": out.with_suffix(".html")} if page else {})
+    check_outputs(dict.fromkeys(files.values(), WORKSHEET), inputs, force=force)
+    return files
+
+
+def _uncertainty_as_object(expected: "ExpectedUncertainty") -> dict[str, Any]:
+    """Return a coefficient's expected uncertainty for JSON, SI; null if not determined."""
+    from inercal.physics.sensors import SI_UNITS
+
+    std = expected.std if isfinite(expected.std) else None
+    return {"name": expected.name, "std": std, "unit": SI_UNITS[expected.unit]}
+
+
+def _print(run: "Run", plan: _Plan) -> None:
+    from inercal.basics.units import format_value_and_uncertainty
+    from inercal.estimation.uncertainty.coverage import COVERAGE
+
+    console.print_table(plan.heads, plan.rows, title=plan.title)
+    rows: list[tuple[str, ...]] = []
+    for part in plan.expected:
+        for each in part:
+            u = COVERAGE * each.std / each.size
+            cell = format_value_and_uncertainty(0.0, u)[1] if isfinite(u) else "—"
+            rows.append((each.name, each.meaning, cell, each.unit))
+        rows.append(())
+    console.print_table(
+        ("coefficient", "meaning", ">U (k = 2)", "unit"),
+        rows,
+        title=f"expected for {run.sensor.name}: {run.method.name}, {run.estimator}",
+    )
+    console.print_lines(plan.notes, "· ")
+
 
 _POSITIONS, _SECONDS = 24, 3.0  # defaults for a hand-held sensor
 _TRIALS = 60
@@ -54,7 +340,6 @@ def run(
     """Print the steps of a plan and the expected uncertainties."""
     from inercal.basics.parallel import open_executor
     from inercal.basics.small_files import is_file
-    from inercal.cli.plan_output import print_optimised_plan, print_plan
     from inercal.methods import method as named
 
     keys: dict[str, object] = {}

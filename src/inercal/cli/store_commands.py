@@ -338,7 +338,7 @@ def backup(
 ) -> None:
     """Write the register, including its certificates, to one file."""
     from inercal.laboratory.store import backup_register
-    from inercal.laboratory.store.address import resolve_address
+    from inercal.laboratory.store.connection import resolve_address
 
     file = resolve_address(register).file
     check_outputs({out: BACKUP}, () if file is None else (file,), force=force)
@@ -353,7 +353,7 @@ def restore(
 ) -> None:
     """Read a backup into a register that is empty or does not exist."""
     from inercal.laboratory.store import restore_register
-    from inercal.laboratory.store.address import resolve_address
+    from inercal.laboratory.store.connection import resolve_address
 
     shown = resolve_address(register).display_url
     rows = restore_register(file, register)
@@ -381,7 +381,7 @@ def _parse_number(what: str) -> int | None:
 
 def _load_calibration(what: str, register: str | None) -> "Calibration":
     """Return a calibration by its number in the register, or from a file."""
-    from inercal.laboratory.store.document import make_document
+    from inercal.laboratory.store.insertions import make_document
 
     number = _parse_number(what)
     if number is None:

@@ -23,17 +23,15 @@ from inercal.laboratory.store.history_text import (
     format_point,
     format_slope,
     history_lines,
+    interval_table,
+    limit_text,
     newest_rows,
     newest_run_to_run,
+    recalibration_lines,
     trend_rows,
 )
 from inercal.laboratory.store.noise_history import NoiseEntry, noise_entry_object, noise_trends
 from inercal.laboratory.store.recalibration import Recalibration
-from inercal.laboratory.store.recalibration_text import (
-    interval_table,
-    limit_text,
-    recalibration_lines,
-)
 from inercal.physics.sensors import SI_UNITS
 
 _TIME_SOURCES = {

@@ -27,8 +27,12 @@ from inercal.basics.registry import Registry
 from inercal.basics.small_files import read_small_file
 from inercal.basics.units import si_factor
 from inercal.calibration import Calibration
-from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
-from inercal.export.target_definition import resolve_options
+from inercal.export.target_definition import (
+    CalibrationReader,
+    StatedCalibration,
+    StatedTriad,
+    resolve_options,
+)
 from inercal.export.term_kinds import temperature_order, term_kind
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors import TABLES, Axis, Readout, Sensor, axes_along
@@ -37,14 +41,20 @@ READERS: Registry[CalibrationReader] = Registry(
     "inercal.calibration_readers",
     "format",
     {
-        name: f"inercal.export.targets.{name}:READER"
-        for name in ("imu_tk", "imucal", "kalibr", "basalt", "realsense", "px4", "ardupilot")
-    }
-    | {
-        "inav": "inercal.export.targets.whole_counts:INAV_READER",
-        "betaflight": "inercal.export.targets.whole_counts:BETAFLIGHT_READER",
-        "magcal": "inercal.export.targets.magnetometers:MAGCAL_READER",
-        "ros_magnetometer": "inercal.export.targets.magnetometers:ROS_READER",
+        name: f"inercal.export.targets.{place}"
+        for name, place in {
+            "imu_tk": "triads:IMU_TK_READER",
+            "imucal": "triads:IMUCAL_READER",
+            "kalibr": "kalibr:READER",
+            "basalt": "basalt:READER",
+            "realsense": "realsense:READER",
+            "px4": "px4:READER",
+            "ardupilot": "ardupilot:READER",
+            "inav": "whole_counts:INAV_READER",
+            "betaflight": "whole_counts:BETAFLIGHT_READER",
+            "magcal": "magnetometers:MAGCAL_READER",
+            "ros_magnetometer": "magnetometers:ROS_READER",
+        }.items()
     },
 )
 _LARGEST = 4 << 20  # bytes; the parameters of a flight controller take about 100 kilobytes

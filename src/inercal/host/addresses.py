@@ -23,9 +23,14 @@ from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import urlsplit
 
 from inercal.basics.errors import InputError
-from inercal.host.drivers.registry import DRIVERS, Driver
 from inercal.host.drivers.rotary_table import RotaryTable
-from inercal.host.drivers.table_address import TableAddress, address_parameters, with_parameters
+from inercal.host.drivers.table_address import (
+    DRIVERS,
+    Driver,
+    TableAddress,
+    address_parameters,
+    with_parameters,
+)
 from inercal.host.link import CONNECT_TIMEOUT, LINKS, host_and_port, open_link
 
 # These are only imported for type checks, because the guard opens a table and must start quickly.

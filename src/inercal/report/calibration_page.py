@@ -25,14 +25,16 @@ from inercal.pipeline import Outcome
 from inercal.report import filter_figures, report_tables
 from inercal.report.drawing import draw_plot
 from inercal.report.figures import correlations, departures, residuals
-from inercal.report.recording_residuals import (
+from inercal.report.templates import render
+from inercal.report.traces import (
+    missing_faces,
     residuals_by_step,
+    scatter_figure,
+    section_figure,
+    sphere,
     step_residual_figure,
     uses_whole_recording,
 )
-from inercal.report.sphere import missing_faces, sphere
-from inercal.report.templates import render
-from inercal.report.traces import scatter_figure, section_figure
 
 if TYPE_CHECKING:
     from inercal.laboratory.store import SensorHistory

@@ -24,13 +24,11 @@ from inercal.laboratory.store.history_text import (
     format_point,
     format_slope,
     history_lines,
-)
-from inercal.laboratory.store.recalibration import Recalibration, recalibration
-from inercal.laboratory.store.recalibration_text import (
     interval_table,
     limit_text,
     recalibration_lines,
 )
+from inercal.laboratory.store.recalibration import Recalibration, recalibration
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 from inercal.report.noise_history_section import noise_history_section

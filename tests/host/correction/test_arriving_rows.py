@@ -7,8 +7,7 @@ import pytest
 from tests.host.correction.cases import HEADER, NAMED, NUMBERED, lines, run_of
 from tests.refusals import refused
 
-from inercal.host.correction.rows import ArrivedPackets, ArrivedRows
-from inercal.host.correction.text_rows import TextRows
+from inercal.host.correction.text_rows import ArrivedPackets, ArrivedRows, TextRows
 from inercal.host.packets import encode, read_layout
 
 RATE = 'rate = "1 kHz"\naccelerometer = [1, 2, 3]\ngyro = [4, 5, 6]'

@@ -23,10 +23,18 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
-from inercal.export import reader_definition
 from inercal.export.parameter_files import stated_parameters
 from inercal.export.ranges import temperature_limits
-from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.target_definition import (
+    CalibrationReader,
+    Rendering,
+    Request,
+    StatedCalibration,
+    StatedTriad,
+    Target,
+    TargetOption,
+    parameter_calibration,
+)
 from inercal.export.targets import shared
 
 _WORDS = {"f": "ACC", "w": "GYR"}
@@ -231,11 +239,11 @@ def _compass_lines(
     return [*lines, (scale, 1.0)]
 
 
-def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCalibration:
+def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     known = stated_parameters(text, "ArduPilot")
     imu = options["imu"]
     thermal = known.get(f"INS_TCAL{imu}_ENABLE") == 1
-    triads: dict[str, reader_definition.StatedTriad] = {}
+    triads: dict[str, StatedTriad] = {}
     references: set[float] = set()
     for kind, word in _WORDS.items():
         offsets, scales, _, temperature = _parameter_names(kind, imu)
@@ -260,7 +268,7 @@ def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCali
             ]
             powers = _shifted(np.array(about) * _UNIT, taken - _CENTRE)
             references.add(taken + ZERO_CELSIUS)
-        triads[kind] = reader_definition.StatedTriad(
+        triads[kind] = StatedTriad(
             scale=1 / scale if kind == "f" else None, bias=bias, bias_powers=powers
         )
     ofs, dia, odi, factor = _compass_names(options["compass"])
@@ -278,7 +286,7 @@ def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCali
             f"there are no parameters of IMU {imu} or compass {options['compass']}, such as "
             "INS_ACCOFFS_X or COMPASS_OFS_X; give parameters of ArduPilot, or another --set imu=…"
         )
-    return reader_definition.parameter_calibration("ArduPilot", triads, references, "CALTEMP")
+    return parameter_calibration("ArduPilot", triads, references, "CALTEMP")
 
 
 TARGET = Target(
@@ -290,6 +298,4 @@ TARGET = Target(
     OPTIONS,
     temperature_order=_ORDERS,
 )
-READER = reader_definition.CalibrationReader(
-    "ardupilot", "ArduPilot parameter", _read, (_IMU, _COMPASS)
-)
+READER = CalibrationReader("ardupilot", "ArduPilot parameter", _read, (_IMU, _COMPASS))

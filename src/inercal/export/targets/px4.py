@@ -20,10 +20,18 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
-from inercal.export import reader_definition
 from inercal.export.parameter_files import stated_parameters
 from inercal.export.ranges import temperature_limits
-from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.target_definition import (
+    CalibrationReader,
+    Rendering,
+    Request,
+    StatedCalibration,
+    StatedTriad,
+    Target,
+    TargetOption,
+    parameter_calibration,
+)
 from inercal.export.targets import shared
 
 _INTEGER, _REAL = 6, 9  # MAV_PARAM_TYPE
@@ -147,10 +155,10 @@ def _render(request: Request) -> Rendering:
     )
 
 
-def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCalibration:
+def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     known = stated_parameters(text, "PX4")
     n = options["instance"]
-    triads: dict[str, reader_definition.StatedTriad] = {}
+    triads: dict[str, StatedTriad] = {}
     references: set[float] = set()
     for kind, (word, letter) in _NAMES.items():
         stem = f"CAL_{word}{n}_"
@@ -174,7 +182,7 @@ def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCali
             )
             bias, powers = bias + table[0], table[1:]
             references.add(known.get(f"{thermal}TREF", 25.0) + ZERO_CELSIUS)
-        triads[kind] = reader_definition.StatedTriad(
+        triads[kind] = StatedTriad(
             scale=1 / scale if kind == "f" else None, bias=bias, bias_powers=powers
         )
     if not triads:
@@ -182,7 +190,7 @@ def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCali
             f"there are no parameters CAL_ACC{n}_XOFF, CAL_GYRO{n}_XOFF or CAL_MAG{n}_XOFF; give "
             "parameters of PX4, or another --set instance=…"
         )
-    return reader_definition.parameter_calibration("PX4", triads, references, "TREF")
+    return parameter_calibration("PX4", triads, references, "TREF")
 
 
 def _thermal_set(known: Mapping[str, float], letter: str, device: float | None) -> str | None:
@@ -202,4 +210,4 @@ TARGET = Target(
     OPTIONS,
     temperature_order=_ORDERS,
 )
-READER = reader_definition.CalibrationReader("px4", "PX4 parameter", _read, (_INSTANCE,))
+READER = CalibrationReader("px4", "PX4 parameter", _read, (_INSTANCE,))

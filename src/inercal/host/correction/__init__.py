@@ -27,9 +27,8 @@ from inercal.host.correction.outputs import (
     TcpOutput,
     open_output,
 )
-from inercal.host.correction.rows import ArrivedPackets, ArrivedRows
 from inercal.host.correction.sources import Source
-from inercal.host.correction.text_rows import TextRows, layout_of_file
+from inercal.host.correction.text_rows import ArrivedPackets, ArrivedRows, TextRows, layout_of_file
 from inercal.host.link import LinkLost
 from inercal.pipeline.live_correction import LiveCorrector, SampleFlag
 from inercal.runfile import Run

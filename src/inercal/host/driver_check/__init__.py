@@ -21,8 +21,7 @@ from inercal.host.driver_check.instrument_checks import (
     ChamberProbe,
     instrument_checks,
 )
-from inercal.host.driver_check.probe import CheckFailed, Probe
-from inercal.host.driver_check.relay import Relay
+from inercal.host.driver_check.relay import CheckFailed, Probe, Relay
 from inercal.host.equipment import CHAMBERS, INSTRUMENTS, open_chamber
 from inercal.host.link import connect_socket, host_and_port
 from inercal.host.table_driver import READ_TIMEOUT

@@ -11,8 +11,7 @@ from statistics import median
 from typing import Any
 
 from inercal.basics.errors import InputError
-from inercal.host.driver_check.probe import GRACE, CheckFailed, LinkProbe, Probe, require
-from inercal.host.driver_check.relay import MALFORMED
+from inercal.host.driver_check.relay import GRACE, MALFORMED, CheckFailed, LinkProbe, Probe, require
 from inercal.host.drivers.rotary_table import (
     REST_RATE,
     AxisLimits,

@@ -17,8 +17,7 @@ from time import monotonic
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS, si_factor
 from inercal.host.driver_check import checks
-from inercal.host.driver_check.probe import CheckFailed, LinkProbe, Probe, require
-from inercal.host.driver_check.relay import MALFORMED, Relay
+from inercal.host.driver_check.relay import MALFORMED, CheckFailed, LinkProbe, Probe, Relay, require
 from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.equipment import Chamber, open_instrument
 from inercal.host.link import LinkLost

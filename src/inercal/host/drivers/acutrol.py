@@ -19,7 +19,6 @@ from math import degrees, nan, radians
 from typing import TYPE_CHECKING
 
 from inercal.basics.closeable import on_failure
-from inercal.host.drivers.registry import Driver
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
@@ -30,7 +29,7 @@ from inercal.host.drivers.rotary_table import (
     require_unique_names,
     stop_with_retry,
 )
-from inercal.host.drivers.table_address import TableAddress
+from inercal.host.drivers.table_address import Driver, TableAddress
 from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.link import Link, open_link
 

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from math import degrees, nan, radians
 from typing import TYPE_CHECKING
 
-from inercal.host.drivers.registry import Driver
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
@@ -24,7 +23,7 @@ from inercal.host.drivers.rotary_table import (
     TableState,
     stop_with_retry,
 )
-from inercal.host.drivers.table_address import TableAddress
+from inercal.host.drivers.table_address import Driver, TableAddress
 from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.link import Link, open_link
 

@@ -31,7 +31,6 @@ from inercal.basics.errors import InputError
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.pmac_codec import CommandRefused
 from inercal.host.drivers.pmac_dialogue import PmacDialogue
-from inercal.host.drivers.registry import Driver
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
@@ -41,7 +40,7 @@ from inercal.host.drivers.rotary_table import (
     TableState,
     require_unique_names,
 )
-from inercal.host.drivers.table_address import TableAddress
+from inercal.host.drivers.table_address import Driver, TableAddress
 from inercal.host.link import Link, LinkLost, open_link
 
 if TYPE_CHECKING:

@@ -42,7 +42,7 @@ from inercal.host.guard import Guard
 from inercal.host.interlocks import Interlocks, LastChecks
 from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.manual import commands
-from inercal.host.manual.command_check import AxisTask, CommandCheck, narrower_limits
+from inercal.host.manual.commands import AxisTask, CommandCheck, narrower_limits
 from inercal.host.manual.dead_man import HOLD_TIMEOUT, DeadMan
 from inercal.host.manual.imu import ManualImu
 from inercal.host.sequencer import Command, SpinCommand, StopCommand

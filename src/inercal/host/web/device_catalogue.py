@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from inercal.basics.errors import InercalError, InputError
 from inercal.host import devices
 from inercal.host.devices import SerialPort, imu_lines, list_serial_ports, table_lines
-from inercal.host.drivers.registry import DRIVERS
+from inercal.host.drivers.table_address import DRIVERS
 from inercal.host.packets import PRESETS
 from inercal.host.tasks import host_plan
 from inercal.host.web.json_objects import JsonObject, object_or_none

@@ -21,7 +21,7 @@ from inercal.host.bench_run import BenchRun
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState
 from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator
-from inercal.host.manual.command_check import LIMIT_MARGIN, AxisTask
+from inercal.host.manual.commands import LIMIT_MARGIN, AxisTask
 from inercal.host.manual.session import ManualSession
 from inercal.host.web import page_messages
 from inercal.host.web.page_messages import axis_fields, channel_fields, imu_fields, rounded_number

@@ -25,12 +25,13 @@ from inercal.estimation.uncertainty.control_charts import (
     chart_values,
 )
 from inercal.laboratory.check_standard.day_points import DayPoints, day_points
-from inercal.laboratory.repeatability.effects import named_effects, scatter
 from inercal.laboratory.repeatability.session_fit import SessionFit, fit_sessions
 from inercal.laboratory.repeatability.sessions import (
     MatchedSessions,
     RepeatedSession,
     match_sessions,
+    named_effects,
+    scatter,
 )
 
 REFERENCE_DAYS = 20

@@ -17,9 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.laboratory.repeatability.effects import LevelName
 from inercal.laboratory.repeatability.session_fit import SessionFit
-from inercal.laboratory.repeatability.sessions import MatchedSessions
+from inercal.laboratory.repeatability.sessions import LevelName, MatchedSessions
 
 _WHICH: dict[LevelName, int] = {"mount": 1, "turn-on": 2}
 

@@ -5,12 +5,11 @@ scatter from day to day, from mounting to mounting and from power cycle to power
 repeated sessions can show this scatter.
 """
 
-from inercal.laboratory.repeatability.effects import Owner, Scope
 from inercal.laboratory.repeatability.repeated_sessions import (
     Repeatability,
     StatedUncertainty,
     repeat,
 )
-from inercal.laboratory.repeatability.sessions import RepeatedSession
+from inercal.laboratory.repeatability.sessions import Owner, RepeatedSession, Scope
 
 __all__ = ["Owner", "Repeatability", "RepeatedSession", "Scope", "StatedUncertainty", "repeat"]

@@ -38,19 +38,17 @@ from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty.components import scatter_limits
 from inercal.estimation.uncertainty.conformity import expanded_uncertainty
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.laboratory.repeatability.effects import (
-    NamedEffect,
-    Owner,
-    Scope,
-    named_effects,
-    scatter,
-)
 from inercal.laboratory.repeatability.session_findings import findings, single_scatter_lines
 from inercal.laboratory.repeatability.session_fit import SessionFit, fit_sessions
 from inercal.laboratory.repeatability.sessions import (
     MatchedSessions,
+    NamedEffect,
+    Owner,
     RepeatedSession,
+    Scope,
     match_sessions,
+    named_effects,
+    scatter,
 )
 
 

@@ -9,8 +9,8 @@ import scipy
 
 from inercal.basics.arrays import Array
 from inercal.basics.units import format_quantity
-from inercal.laboratory.repeatability.effects import Owner, named_effects, scatter
 from inercal.laboratory.repeatability.session_fit import SessionFit, fit_sessions
+from inercal.laboratory.repeatability.sessions import Owner, named_effects, scatter
 
 _CHANCE = 0.01  # probability of a false finding over all axes of a group or all sessions
 _LEAST_SESSIONS = 4  # least number of sessions for finding an outlier

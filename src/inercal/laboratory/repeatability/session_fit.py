@@ -24,8 +24,11 @@ from inercal.estimation.uncertainty.repeated_measurements import (
     block_matrix,
     effect_variances,
 )
-from inercal.laboratory.repeatability.effects import NamedEffect, similar_coefficients
-from inercal.laboratory.repeatability.sessions import MatchedSessions
+from inercal.laboratory.repeatability.sessions import (
+    MatchedSessions,
+    NamedEffect,
+    similar_coefficients,
+)
 
 CHANCE = 0.05
 """If chance is less probable than this, the scatter increases U of the mean."""

@@ -17,7 +17,7 @@ from inercal.basics.atomic_files import atomic_write
 from inercal.basics.errors import InputError
 from inercal.calibration.files import parse
 from inercal.laboratory.store import connection
-from inercal.laboratory.store.address import RegisterAddress, resolve_address
+from inercal.laboratory.store.connection import RegisterAddress, resolve_address
 from inercal.laboratory.store.register_tables import calibration, certificate, metadata
 
 _ROWS = 200  # number of rows copied at once

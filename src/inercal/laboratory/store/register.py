@@ -13,14 +13,14 @@ from inercal.basics.errors import InputError
 from inercal.basics.system_user import user_name
 from inercal.calibration import Calibration
 from inercal.laboratory.store import certificates, connection, insertions, queries
-from inercal.laboratory.store.address import (
+from inercal.laboratory.store.connection import (
     RegisterAddress,
     require_place_of_register,
     resolve_address,
 )
-from inercal.laboratory.store.document import make_document, utc_now
 from inercal.laboratory.store.entries import CalibrationEntry, RunEntry, RunFacts, SensorEntry
 from inercal.laboratory.store.history import SensorHistory, build_history
+from inercal.laboratory.store.insertions import make_document, utc_now
 from inercal.laboratory.store.noise_history import NoiseEntry, enter_noise, read_noise
 from inercal.laboratory.store.register_tables import calibration, run
 from inercal.noise import NoiseAnalysis

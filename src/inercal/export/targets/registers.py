@@ -1,4 +1,14 @@
-"""Analog Devices ADIS16xxx: scale and bias register words, with step sizes stated by the user.
+"""Registers of devices: VectorNav and Analog Devices ADIS16xxx.
+
+VectorNav VN-100, VN-200, VN-300: registers 25 (accelerometer) and 84 (gyro) compensation.
+
+    out = C (in − B)
+
+C = M⁻¹ and B = b, in single precision. The device applies this after its factory calibration.
+Source: VN-100 user manual UM001 v2, 6.2.2. The checksum of a message is the XOR of the characters
+between $ and *.
+
+Analog Devices ADIS16xxx: scale and bias register words, with step sizes stated by the user.
 
     scale, then bias   out = (1 + n_s u_s) raw + n_b u_b
     bias, then scale   out = (1 + n_s u_s) (raw + n_b u_b)
@@ -9,6 +19,7 @@ the order. With s = n_s u_s and B = n_b u_b, 1 + s = 1/M_ii, and B = −b/M_ii (
 """
 
 from collections.abc import Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -17,6 +28,46 @@ from inercal.basics.errors import InputError
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
 from inercal.export.term_kinds import TermKind
+
+REGISTERS = {"f": 25, "w": 84}
+
+
+def message(body: str) -> str:
+    """Return a message with its checksum.
+
+    >>> message("VNRRG,25,1,0,0,0,1,0,0,0,1,0,0,0")
+    '$VNRRG,25,1,0,0,0,1,0,0,0,1,0,0,0*75'
+    """
+    return f"${body}*{reduce(lambda total, one: total ^ one, body.encode(), 0):02X}"
+
+
+def _render_vectornav(request: Request) -> Rendering:
+    model = request.model
+    lines: list[str] = []
+    corrections: dict[str, shared.Correction] = {}
+    for kind, triad in model.triads:
+        matrix, bias = shared.single(triad.correction), shared.single(triad.bias)
+        values = ",".join(shared.number(x) for x in (*matrix.ravel(), *bias))
+        lines.append(message(f"VNWRG,{REGISTERS[kind]},{values}"))
+        corrections[kind] = shared.matrix_correction(matrix, bias)
+
+    return Rendering(
+        shared.by_triad(model, corrections),
+        shared.with_comments("\n".join([*lines, message("VNWNV")]) + "\n"),
+        ("out = C (in - B), C row by row, then B: register 25 of force, 84 of rate",),
+        "readings that both registers leave as they are (C = I, B = 0), in m/s^2 and rad/s",
+        ("send the lines that begin with $; VNWNV stores them in the device",),
+    )
+
+
+VECTORNAV = Target(
+    "vectornav",
+    "VectorNav compensation registers",
+    ".txt",
+    {"f": shared.MATRIX, "w": shared.MATRIX},
+    _render_vectornav,
+)
+
 
 _SCALE_BITS = 16
 OPTIONS = (
@@ -41,7 +92,7 @@ _KINDS = {"f": ("acc_bias_lsb", "ACCL", "A"), "w": ("gyro_bias_lsb", "GYRO", "G"
 _HELD: frozenset[TermKind] = frozenset({"bias", "scale"})
 
 
-def _render(request: Request) -> Rendering:
+def _render_adis(request: Request) -> Rendering:
     model, options = request.model, request.options
     shared.require_aligned(model, "adis")
     first, step = options["order"], options["scale_lsb"]
@@ -98,5 +149,5 @@ def _correction(factor: Array, bias: Array, first: str):
     return correct
 
 
-TARGET = Target("adis", "Analog Devices ADIS16xxx scale and bias registers", ".csv",
-                {"f": _HELD, "w": _HELD}, _render, OPTIONS)  # fmt: skip
+ADIS = Target("adis", "Analog Devices ADIS16xxx scale and bias registers", ".csv",
+                {"f": _HELD, "w": _HELD}, _render_adis, OPTIONS)  # fmt: skip
