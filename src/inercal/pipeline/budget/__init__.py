@@ -150,9 +150,8 @@ def effect_shifts(experiment: Experiment) -> tuple[Shift, ...]:
         if value and _effect_reaches_sensor(experiment, effect):
             absent[effect.field] = effect.absent
             shift = shift_with(replace(bench, **{effect.field: effect.absent}))
-            shifts.append(
-                Shift(effect.name, f"{format_number(value * effect.per, 4)} {effect.unit}", shift)
-            )
+            text = f"{format_number(value * effect.per, 4)} {effect.unit}"
+            shifts.append(Shift(effect.name, text, shift))
     more = tuple(name for name, c in experiment.truth.items() if name not in own and c)
     full = replace(experiment.sensor, coefficients=(*own, *more))
     for name in more:
