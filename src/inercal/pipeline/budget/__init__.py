@@ -26,7 +26,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InputError
-from inercal.basics.parallel import Executor
+from inercal.basics.parallel import Executor, SerialExecutor, in_order
 from inercal.basics.units import Measured, format_number, format_quantity
 from inercal.benches import MeanBench
 from inercal.benches.kind_definition import Effect, kind_for_bench
@@ -149,9 +149,8 @@ def effect_shifts(experiment: Experiment) -> tuple[Shift, ...]:
         if value and _effect_reaches_sensor(experiment, effect):
             absent[effect.field] = effect.absent
             shift = shift_with(replace(bench, **{effect.field: effect.absent}))
-            shifts.append(
-                Shift(effect.name, f"{format_number(value * effect.per, 4)} {effect.unit}", shift)
-            )
+            text = f"{format_number(value * effect.per, 4)} {effect.unit}"
+            shifts.append(Shift(effect.name, text, shift))
     more = tuple(name for name, c in experiment.truth.items() if name not in own and c)
     full = replace(experiment.sensor, coefficients=(*own, *more))
     for name in more:
@@ -273,7 +272,10 @@ def budget(
             "1000",
             key="trials",
         )
-    linear = first_order_contributions(experiment)
+    executor = executor or SerialExecutor()
+    functions = (_first_order, Experiment.stated, effect_shifts)
+    first, *_ = [executor.submit(function, experiment) for function in functions]
+    (experiment, linear), stated, shifts = in_order(executor, first)
     estimates = monte_carlo_estimates(experiment, trials, seed, progress, executor)
     lines = {
         each: BudgetDeviations(linear[each.name], *sample_deviation(estimates[each.name]))
@@ -288,9 +290,14 @@ def budget(
         lines,
         BudgetDeviations(first_order, *sample_deviation(together)),
         together.mean(axis=0) - experiment.true_values,
-        experiment.stated(),
-        effect_shifts(experiment),
+        stated,
+        shifts,
     )
+
+
+def _first_order(experiment: Experiment) -> tuple[Experiment, dict[str, Array]]:
+    """Return the contributions, with the experiment, which then knows more of its estimator."""
+    return experiment, first_order_contributions(experiment)
 
 
 __all__ = ["Budget", "BudgetDeviations", "Experiment", "Imperfection", "Shift", "budget"]

@@ -20,9 +20,8 @@ from inercal.physics.sensors import G0, Sensor
 
 NOISE = "noise"
 _COPY_SUFFIX = re.compile(r"(_[abxyz]|_?\d)?(\[.*\])?$")  # axis and step at the end of a name
-_AXIS_SUFFIX = re.compile(
-    r" about [xyz]$|, (toward the centre|along)$"
-)  # the part of a meaning that says which parameter of several it is
+# The part of a meaning that says which parameter of several it is.
+_AXIS_SUFFIX = re.compile(r" about [xyz]$|, (toward the centre|along)$")
 _PARAMETER_TITLES = {  # titles of parameters whose names are not words
     "g": "gravity",
     "mount": "mounting",
@@ -93,10 +92,8 @@ def bench_imperfections(declared: Mapping[str, Parameter]) -> list[Imperfection]
         first = declared[names[0]]
         deviations = [declared[name].sd for name in names]
         meaning = _AXIS_SUFFIX.sub("", first.meaning)
-        word = _PARAMETER_TITLES.get(key, key)
-        found.append(
-            Imperfection(word, meaning, format_deviations(deviations, first.unit), tuple(names))
-        )
+        word, stated = _PARAMETER_TITLES.get(key, key), format_deviations(deviations, first.unit)
+        found.append(Imperfection(word, meaning, stated, tuple(names)))
     return found
 
 
