@@ -171,16 +171,18 @@ class Sensor:
 
     def to_si(self, output: Array) -> Array:
         """Convert output units to nominal readings in SI, (..., n, m)."""
-        reading = output - self._readout("offset")
-        reading /= self._readout("scale")  # in place, because recordings are long
+        reading = output - self._readout[0]
+        reading /= self._readout[1]  # in place, because recordings are long
         return reading
 
     def to_output(self, reading: Array) -> Array:
         """Convert readings in SI, (..., n, m), to output units."""
-        return self._readout("offset") + self._readout("scale") * reading
+        return self._readout[0] + self._readout[1] * reading
 
-    def _readout(self, what: str) -> Array:
-        return np.array([getattr(axis.readout, what) for axis in self.axes])
+    @cached_property
+    def _readout(self) -> Array:
+        """The offsets and the scales of the axes' readouts, (2, m)."""
+        return np.array([(a.readout.offset, a.readout.scale) for a in self.axes]).reshape(-1, 2).T
 
     @cached_property
     def _groups(self) -> tuple[SimilarAxes, ...]:
