@@ -12,7 +12,7 @@ from inercal.physics.frames import exp_so3
 from inercal.pipeline.drafts import UnknownAccelerometers, draft_run_file
 from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
 from inercal.pipeline.drafts.stated_keys import stated_values
-from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.column_table import Column, Table
 
 G = 8192.0  # LSB/g
 PER_DEGREE = 32.8  # LSB/(°/s)
@@ -250,7 +250,7 @@ def dated_table(step_s: float, rows: int, **texts: list[str]) -> Table:
     """Return a table of readings with a column of ISO dates, named Datum, and columns of text."""
     start = np.datetime64("2026-11-23T03:10:09.120")
     dates = start + (1000 * step_s * np.arange(rows)).astype("timedelta64[ms]")
-    columns = {"Datum": np.datetime_as_string(dates)}
+    columns: dict[str, Column] = {"Datum": np.datetime_as_string(dates)}
     columns |= {name: np.array(values) for name, values in texts.items()}
     columns |= {axis: np.random.default_rng(k).normal(size=rows) for k, axis in enumerate("xyz")}
     return Table(tuple(columns), columns, "log.csv", "", 1, True)

@@ -379,7 +379,7 @@ def _names_sections(table: Table, name: str, force: Array | None) -> bool:
 def _texts(table: Table, name: str) -> list[str]:
     """Return the different values of a column of text, without those that stand for no value."""
     column = table.columns[name]
-    values = np.unique(column).tolist() if column.dtype.kind == "U" else []
+    values: list[str] = np.unique(column).tolist() if column.dtype.kind == "U" else []
     return [one for one in values if one.strip().lower() not in _ABSENT]
 
 
