@@ -142,6 +142,8 @@ def _decoded(raw: bytes, what: str) -> str:
     """
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise InputError(f"not a TOML {what}: UTF-16 text; save it as UTF-8")
+    if b"\0" in raw:
+        raise InputError(f"not a TOML {what}: it is a binary file; name a text file")
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:

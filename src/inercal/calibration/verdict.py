@@ -48,6 +48,7 @@ from inercal.physics.sensors.coefficient_words import GROUP_WORDS, axis_words, c
 from inercal.recordings import Finding, merge_messages
 
 _DRIFT_PREFIX = "drift of "  # followed by the axis
+_NO_REACTION = 3.0  # standard uncertainties of a scale factor that cannot be told from 0
 _UNIT_RATIO_TOLERANCE = 0.1  # relative tolerance for recognising a scale factor as a ratio of units
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
 UNSEEN = "unseen"
@@ -229,10 +230,16 @@ def _noise_factor(findings: Sequence[Finding]) -> str:
 
 def _scale_errors(estimate: Estimate, sensor: Sensor) -> Iterator[tuple[str, str]]:
     """Yield a sentence, with a probable cause, for each scale factor far from nominal."""
-    for name, value in zip(sensor.coefficients, estimate.value.tolist(), strict=False):
+    sds = np.sqrt(np.diag(estimate.covariance)).tolist()
+    for name, value, sd in zip(sensor.coefficients, estimate.value.tolist(), sds, strict=False):
         axis, term = CoefficientName(name).parts
         scale = 1 + value
         if term not in ("k1", "scale") or not is_far_from_nominal(scale):
+            continue
+        if abs(scale) < _NO_REACTION * sd:
+            cause = "it is broken or not connected, or all its rows contain the same reading"
+            felt = "gravity" if term == "k1" else "rotation"
+            yield f"{axis_words(sensor, axis)} does not react to {felt}", cause
             continue
         cause = "its nominal scale factor or one of its readings is wrong"
         if scale < 0:
@@ -250,7 +257,9 @@ def _steps_on_cause(
 ) -> Iterator[_Step]:
     """Yield next steps about the cause of large residuals."""
     if far:
-        yield _Step("Check sign, unit and nominal scale of this axis in [sensor] and [data].")
+        yield _Step(
+            "Check the connection of this axis, and its sign, unit and scale in the run file."
+        )
     row, suspect = assessment.row, assessment.suspect
     if suspect is not None:
         advice = advisor.on_cause(suspect)

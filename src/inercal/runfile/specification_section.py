@@ -174,7 +174,8 @@ def _parse_limits(text: str | tuple[str, str], unit: str) -> _Limits:
             )
         lower, upper = middle.value - middle.sd, middle.value + middle.sd
     if not lower < upper or not (isfinite(lower) or isfinite(upper)):
-        raise InputError(f"{text!r}: the lower limit must be below the upper one")
+        stated = repr(text) if isinstance(text, str) else " to ".join(text)
+        raise InputError(f"{stated}: the lower limit must be below the upper one")
     return lower, upper
 
 

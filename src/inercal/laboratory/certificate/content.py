@@ -230,9 +230,10 @@ def make_certificate(
         ("issued is before the last day of measured", last, given.issued),
     ):
         if first is not None and second < first:
+            received = "" if job.received is None else f"received {job.received}, "
             raise InputError(
-                f"[job] measured {job.measured} to {last}, received {job.received}, issued "
-                f"{given.issued}: these dates contradict each other ({name}); correct them",
+                f"[job] measured {job.measured} to {last}, {received}issued {given.issued}: these "
+                f"dates contradict each other ({name}); correct them",
                 key="[job] measured",
             )
     capability = laboratory.capability

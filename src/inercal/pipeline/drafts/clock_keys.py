@@ -116,7 +116,7 @@ def _standing_stamps(table: Table) -> str:
         elif is_iso_time(str(column[0])):
             stamps, unit = times_from_iso(column.tolist(), name, table)[0], "s"
         else:
-            continue
+            return f"{name} cannot be the time, because {column[0]} is not an ISO 8601 time"
         if np.all(np.diff(stamps) >= 0) and not np.median(np.diff(stamps)) > 0:
             return f"{name} cannot be the time: {_why_no_times(stamps, unit)}"
     return ""

@@ -18,6 +18,7 @@ from inercal.recordings.data import DataSection, ReadbackColumn, RunBase
 from inercal.recordings.io.read import Columns, detect_reader, read_recording
 from inercal.recordings.io.section_files import is_pattern, read_sections
 
+_SAME_RATE = 0.2  # relative; stated rates are nominal
 READBACK = "readback"  # key in `DataSection.further_files` for the file with the bench's readback
 
 
@@ -76,12 +77,27 @@ def _load(run: RunBase[DataSection], limits: Mapping[str, tuple[float, float]]) 
         if (key := _key_of_column(run.data, error.names)) is not None:
             raise error.located(f"{run.path}: {key}", key=key) from None
         raise
+    _require_stated_rate(run, recording)
     recording = apply_axis_signs(run, recording)
     environment = run.environment
     # If the estimator follows the rest, the lag is one of its parameters.
     if environment is None or environment.lag is None or run.method.follows_rest:
         return recording
     return ahead_of_lag(recording, environment.lag.value)
+
+
+def _require_stated_rate(run: RunBase[DataSection], recording: Recording) -> None:
+    """Raise an error if the times contradict the stated rate, which a simulation uses."""
+    data, stated = run.data, run.rate_hz
+    if stated is None or data.time is None or data.time_unit == "sample":
+        return
+    if abs(recording.rate_hz / stated - 1) > _SAME_RATE:
+        raise key_error(
+            "[data] rate",
+            f"{data.rate!r} contradicts column {str(data.time)!r}, whose times give "
+            f"{recording.rate_hz:.4g} Hz; correct the rate or time_unit, or remove rate",
+            run.path,
+        )
 
 
 def _key_of_column(section: DataSection, names: Sequence[str]) -> str | None:

@@ -256,8 +256,8 @@ def _split(
 
 def _count_advice(first: list[str], names: int, delimiter: str | None) -> str:
     """Return advice about a first data line with a different number of columns than the header."""
-    whole = all(re.fullmatch(r"[-+]?\d+", cell) for cell in first)
-    if delimiter == "," and whole and names < len(first) <= 2 * names:
+    others = [cell for cell in first if not re.fullmatch(r"[-+]?\d+", cell)]
+    if delimiter == "," and len(others) <= 1 and names < len(first) <= 2 * names:
         return (
             "the numbers look like decimal commas, and commas separate the columns too: export "
             "the file with semicolons or with decimal points"
