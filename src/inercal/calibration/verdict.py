@@ -50,6 +50,8 @@ from inercal.recordings import Finding, merge_messages
 _DRIFT_PREFIX = "drift of "  # followed by the axis
 _UNIT_RATIO_TOLERANCE = 0.1  # relative tolerance for recognising a scale factor as a ratio of units
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
+OPPOSITE_SIGN = "opposite sign"
+"""`Finding.what` for a quantity that the sensors show with the opposite sign."""
 UNSEEN = "unseen"
 """`Finding.what` for an effect that a method cannot detect."""
 _NO_CAUSE = (
@@ -72,6 +74,7 @@ _REMEDIES = (
     "use ",
     "wait ",
 )  # how the last clause of a finding begins if it says what to do
+_REVERSED = "the accelerometers or the gyros have the wrong sign"
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute
 
 
@@ -144,8 +147,9 @@ def verdict(
     graded = grade_estimate(estimate, sensor, assessment, findings, tuple(far))
     unseen = _undetectable(estimate, sensor, assessment)
     exact = undetectable_exact_parameters(estimate, sensor, expected)
+    reverse = any(one.what == OPPOSITE_SIGN for one in findings)
     steps = [
-        *_steps_on_cause(assessment, advisor, tuple(far), row_word),
+        *([] if reverse else _steps_on_cause(assessment, advisor, tuple(far), row_word)),
         *_steps_on_undetectable(unseen, sensor, advisor, possible),
         *(
             _Step(
@@ -189,7 +193,7 @@ def verdict(
     if not graded.reasons and (factor := _noise_factor(findings)):
         word = f"{word}, but U is too large"
         why = f"the residuals are {factor} times smaller than noise and bench imply"
-    cause = next(iter(far.values()), "")
+    cause = next(iter(far.values()), _REVERSED * reverse)
     lines = (
         first_fit(f"{word}: {why}.", f"{word}: {why.partition(' (')[0]}."),
         fit(added),
@@ -197,7 +201,7 @@ def verdict(
         if cause
         else cause_line(assessment, sensor, expected)
         or _NO_CAUSE * no_cause(estimate, assessment),
-        "" if added or assessment.suspect is None else _alternatives_line(
+        "" if added or cause or assessment.suspect is None else _alternatives_line(
             alternatives(assessment.suspect, estimate.score_tests, sensor, expected)
         ),
         "" if graded.grade == "consistent" else _next_line(steps),
