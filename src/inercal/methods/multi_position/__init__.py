@@ -63,6 +63,7 @@ _MIN_IMPROVEMENT = 1.5  # factor; a smaller improvement is not worth the user's 
 _ADVISED_ATTITUDES = 3  # number of attitudes advised if a result is weak
 _SHARED = ("g", "timebase")  # parameters of the bench whose errors all coefficients share
 _TEST_LEVEL = 1e-3  # probability of a false finding if the gyros are not sensitive to g
+_REVERSAL_SD = 0.05  # relative; a reversed sign disturbs the other estimates by about this much
 _MIN_PASSAGES = 5  # transitions; with fewer, the scatter is too uncertain
 _REVERSED = (
     "the gyros show the earth's rate with the opposite sign; check the signs of the accelerometer "
@@ -285,7 +286,8 @@ def g_sensitivity_findings(rests: Rests, estimate: Estimate) -> tuple[Finding, .
     if own := [k for k, name in enumerate(names) if name.endswith((".g_i", ".g_p", ".g_o"))]:
         like = [-twice / rests.bench.gravity.value * names[k].endswith(".g_i") for k in own]
         offs = estimate.value[own], estimate.value[own] - like
-        inverse = np.linalg.inv(estimate.covariance[np.ix_(own, own)])
+        spread = np.eye(len(own)) * (_REVERSAL_SD * twice / rests.bench.gravity.value) ** 2
+        inverse = np.linalg.inv(estimate.covariance[np.ix_(own, own)] + spread)
         none, opposite = (scipy.special.chdtrc(len(own), one @ inverse @ one) for one in offs)
         return reverse if none < _TEST_LEVEL < opposite else ()
     p = len(names)
@@ -295,17 +297,20 @@ def g_sensitivity_findings(rests: Rests, estimate: Estimate) -> tuple[Finding, .
     freedom = 3 * (len(up) - 4)
     if freedom < 1:
         return ()
-    with_it = _residual_sum_of_squares(attitude, weight * group.residual)
-
-    def is_explained(residual: Array) -> bool:
-        ratio = (_residual_sum_of_squares(weight, weight * residual) / with_it - 1) / 9 * freedom
-        return bool(scipy.special.fdtrc(9, freedom, ratio) > _TEST_LEVEL)
-
-    if is_explained(group.residual):
+    alone, with_it, opposite = (
+        _residual_sum_of_squares(design, weight * residual)
+        for design, residual in (
+            (weight, group.residual),
+            (attitude, group.residual),
+            (weight, group.residual + twice * up),
+        )
+    )
+    level = 9 / freedom * scipy.special.fdtri(9, freedom, 1 - _TEST_LEVEL) * with_it
+    if alone - with_it < level:
         return ()
-    if is_explained(group.residual + twice * up):
+    beyond = level + 9 * _REVERSAL_SD**2 * (alone - with_it)
+    if opposite - with_it < beyond < alone - opposite:
         return reverse
-    alone = _residual_sum_of_squares(weight, weight * group.residual)
     explained = 100 * (1 - with_it / alone)
     text = (
         "The rates at rest depend on the direction of gravity, which explains "
