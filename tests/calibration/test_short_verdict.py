@@ -142,6 +142,17 @@ def test_rows_that_cannot_be_told_apart_are_named_together():
     assert any("or one of 8 other rows" in one for one in said.lines)
 
 
+@pytest.mark.parametrize(("size", "named"), [(1.0, True), (0.0, False)])
+def test_a_scale_factor_far_from_nominal_names_the_row_that_causes_it(size: float, named: bool):
+    found = fitted(size, {"r1": "row"}, SENSOR)
+    value = found.value.copy()
+    value[found.names.index("ax.k1")] = 4.8
+    said = verdict(replace(found, value=value), SENSOR, ())
+    (cause,) = [one for one in said.lines if one.startswith("Most likely cause: ")]
+    (step,) = [one for one in said.lines if one.startswith("Next: ")]
+    assert ("r1" in cause, "r1" in step) == (named, named)
+
+
 def test_every_effect_that_is_not_detectable_is_counted_once_and_listed():
     unseen = [Finding("note", "unseen", f"effect {k}: 3 µg; repeat it", "ax") for k in range(3)]
     said = verdict(fitted(0.0, {"ax.k2": "coefficient"}, SENSOR), SENSOR, unseen)

@@ -14,7 +14,7 @@ pytest.importorskip("pyarrow")
 
 @pytest.fixture(scope="module")
 def line(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a line in which the z axis of S001 reads 0.6 of nominal, and S003 has the recording of S002."""
+    """Return a line: the z axis of S001 reads 0.6 of nominal, S003 has the recording of S002."""
     folder = make_line(tmp_path_factory.mktemp("line"), 4)
     columns, _ = readings(1)
     np.savez(

@@ -75,7 +75,7 @@ _REMEDIES = (
     "wait ",
 )  # how the last clause of a finding begins if it says what to do
 _REVERSED = "the accelerometers or the gyros have the wrong sign"
-_MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute
+_MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
 
 class _Step(NamedTuple):
@@ -143,13 +143,14 @@ def verdict(
     """
     advisor = advisor or PlainAdvisor(possible, row_word)
     assessment = assess(estimate, len(sensor.coefficients), possible)
-    far = dict(_scale_errors(estimate, sensor))
+    row = _dominant_row(estimate, assessment)
+    far = dict(_scale_errors(estimate, sensor, row))
     graded = grade_estimate(estimate, sensor, assessment, findings, tuple(far))
     unseen = _undetectable(estimate, sensor, assessment)
     exact = undetectable_exact_parameters(estimate, sensor, expected)
     reverse = any(one.what == OPPOSITE_SIGN for one in findings)
     steps = [
-        *([] if reverse else _steps_on_cause(assessment, advisor, tuple(far), row_word)),
+        *([] if reverse else _steps_on_cause(assessment, advisor, tuple(far), row_word, row)),
         *_steps_on_undetectable(unseen, sensor, advisor, possible),
         *(
             _Step(
@@ -231,14 +232,23 @@ def _noise_factor(findings: Sequence[Finding]) -> str:
     return two_digits(max(factors)) if factors else ""
 
 
-def _scale_errors(estimate: Estimate, sensor: Sensor) -> Iterator[tuple[str, str]]:
+def _dominant_row(estimate: Estimate, assessment: Assessment) -> str:
+    """Return the row that contributes most of χ²; empty if there is none."""
+    row = assessment.row
+    if row is None or row.adjusted >= SIGNIFICANCE_LEVEL:
+        return ""
+    return row.name if row.chi2 > _MAIN_SHARE * estimate.score_tests.chi2 else ""
+
+
+def _scale_errors(estimate: Estimate, sensor: Sensor, row: str) -> Iterator[tuple[str, str]]:
     """Yield a sentence, with a probable cause, for each scale factor far from nominal."""
     for name, value in zip(sensor.coefficients, estimate.value.tolist(), strict=False):
         axis, term = CoefficientName(name).parts
         scale = 1 + value
         if term not in ("k1", "scale") or not is_far_from_nominal(scale):
             continue
-        cause = "its nominal scale factor or one of its readings is wrong"
+        reading = f"the reading of “{row}”" if row else "one of its readings"
+        cause = f"its nominal scale factor or {reading} is wrong"
         if scale < 0:
             cause = "the axis is reversed"
         elif term == "k1":
@@ -250,11 +260,12 @@ def _scale_errors(estimate: Estimate, sensor: Sensor) -> Iterator[tuple[str, str
 
 
 def _steps_on_cause(
-    assessment: Assessment, advisor: Advisor, far: Sequence[str], row_word: str
+    assessment: Assessment, advisor: Advisor, far: Sequence[str], row_word: str, main: str
 ) -> Iterator[_Step]:
     """Yield next steps about the cause of large residuals."""
     if far:
-        yield _Step("Check sign, unit and nominal scale of this axis in [sensor] and [data].")
+        look = f"Look at the readings of “{main}”; check" if main else "Check"
+        yield _Step(f"{look} sign, unit and nominal scale of this axis in [sensor] and [data].")
     row, suspect = assessment.row, assessment.suspect
     if suspect is not None:
         advice = advisor.on_cause(suspect)
