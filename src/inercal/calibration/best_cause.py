@@ -305,6 +305,8 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
         return "use a method that estimates this coefficient; U does not include its effect"
     if cause.name == "latitude":
         return "check the latitude and its sign, and the names and signs of the gyros' columns"
+    if cause.name == "autocollimator scale":
+        return "check the sign and the unit of the autocollimator readings in [data]"
     if cause.kind == "bench":
         return "measure it again, or state it with its true uncertainty"
     if cause.units[:1] == ("T",):
