@@ -20,7 +20,7 @@ An advisor says what to do about such a cause.
 # pyright: reportMissingTypeStubs=false
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, cast
 
 import numpy as np
@@ -38,6 +38,7 @@ from inercal.estimation.scores import (
 )
 from inercal.estimation.uncertainty.coverage import COVERAGE
 
+_MOST_ROWS = 2  # largest number of other rows that are named
 CHANGE_PREFIX = "change "  # start of the name of a candidate for a change within one row
 
 
@@ -67,6 +68,8 @@ class SuspectedCause:
         Run-file keys that make the method estimate the candidate.
     least_sizes : tuple of float
         Smallest sizes of the components that explain as much, SI.
+    other_rows : tuple of str
+        If the cause is a row: the other rows in `indistinguishable`. A file does not state them.
     shift : float
         Largest shift of a coefficient due to the cause, divided by the U of this coefficient.
     shifted_coefficient : str
@@ -93,6 +96,14 @@ class SuspectedCause:
     remaining_p_value: float = 1.0
     changes: tuple[Change, ...] = ()
     least_sizes: tuple[float, ...] = ()
+    other_rows: tuple[str, ...] = field(default=(), compare=False)
+
+    @property
+    def place(self) -> str:
+        """The name, with the rows that cannot be distinguished from it: "x_a or x_p"."""
+        if len(self.other_rows) > _MOST_ROWS:
+            return f"{self.name} or one of {len(self.other_rows)} other rows"
+        return " or ".join((self.name, *self.other_rows))
 
 
 @dataclass(frozen=True)
@@ -163,7 +174,7 @@ def find_best_cause(
     first = min((best, *as_good), key=lambda score: (rank(score), score is not best, -score.chi2))
     related = {one for one in score_tests.scores if set(one.components) & set(first.components)}
     alike = [
-        one.name
+        one
         for one in sorted(score_tests.scores, key=lambda one: -first.cosine(one))
         if one not in related
         and one.dof
@@ -187,10 +198,11 @@ def find_best_cause(
         max(score_tests.dof - first.dof, 0),
         float(shift[most]),
         estimate.names[most],
-        tuple(alike),
+        tuple(one.name for one in alike),
         _remaining_p_value(score_tests, first),
         first.changes,
         () if first.least_size is None else tuple(first.least_size.tolist()),
+        tuple(one.name for one in alike if first.kind == one.kind == "row"),
     )
 
 
@@ -293,13 +305,15 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
         return "use a method that estimates this coefficient; U does not include its effect"
     if cause.name == "latitude":
         return "check the latitude and its sign, and the names and signs of the gyros' columns"
+    if cause.name == "autocollimator scale":
+        return "check the sign and the unit of the autocollimator readings in [data]"
     if cause.kind == "bench":
         return "measure it again, or state it with its true uncertainty"
     if cause.units[:1] == ("T",):
         again = f"this {row_word}" if cause.kind == "row" else "the recording"
         return f"keep iron, magnets and currents away, and repeat {again}"
     if cause.kind == "row":
-        return f"look at the readings of “{cause.name}”, and repeat this {row_word}"
+        return f"look at the readings of “{cause.place}”, and repeat this {row_word}"
     if cause.name.startswith(CHANGE_PREFIX):
         return f"check whether the sensor was touched; repeat this {row_word} or remove it"
     return "let the sensor settle before the run, or repeat the first positions at the end"

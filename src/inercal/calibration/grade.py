@@ -303,7 +303,7 @@ def grade_estimate(
     if assessment.scores_reject and suspect is None:
         mild.append("no single cause explains the residuals")
     elif suspect is not None:
-        named = row_words(suspect.name) if suspect.kind == "row" else suspect.name
+        named = row_words(suspect.place) if suspect.kind == "row" else suspect.name
         if suspect.kind == "coefficient":
             named = coefficient_words(sensor, suspect.name, suspect.components)
         mild.append(f"the residuals point to {named}")

@@ -242,7 +242,9 @@ def _with_common_angle(
 
     declared = bench.acting_parameters(steps)
     by_bench = sum(
-        (declared[name].sd * weight.mean()) ** 2 for name, weight in stated.weights.items()
+        (one.sd * stated.weights[name].mean()) ** 2
+        for name, one in declared.items()
+        if name in stated.weights
     )
     across = np.stack([np.cos(stated.nominal), -np.sin(stated.nominal)], axis=-1).ravel()
     across = across / (g * len(steps))
