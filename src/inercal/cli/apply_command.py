@@ -1,6 +1,9 @@
 """`inercal apply`: correct a recording with a calibration."""
 
 import os
+import signal
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +15,11 @@ from inercal.cli.options import Force, Json
 from inercal.cli.outputs import RECORDING, check_outputs
 
 if TYPE_CHECKING:
+    from types import FrameType
+
     from inercal.calibration import Calibration
+    from inercal.host.correction import LiveCorrection
+    from inercal.runfile import Run
 
 
 def run(
@@ -64,15 +71,13 @@ def run(
     except InercalError as error:
         raise _of_another_kind(calibration_file, run_file) or error from None
     if stream is not None:
-        from inercal.cli.apply_stream import apply_stream
-
         if out is not None or force or json or frame_id is not None:
             raise InputError(
                 "--stream writes to standard output or --to; remove --out, --frame-id, --force and "
                 "--json",
                 key="--stream",
             )
-        apply_stream(calibration, plan, stream, to, form or "csv", extrapolate=extrapolate)
+        _apply_stream(calibration, plan, stream, to, form or "csv", extrapolate=extrapolate)
         return
     if out is None or to is not None:
         text = "--to needs --stream" if out else "give --out FILE, or --stream SOURCE"
@@ -201,3 +206,39 @@ def _of_another_kind(calibration_file: Path, run_file: Path) -> InputError | Non
             )
         return InputError(f"{path}: this must be {text}; {usage}", file=path)
     return None
+
+
+def _apply_stream(
+    calibration: "Calibration",
+    run: "Run",
+    source: str,
+    to: str | None,
+    form: str,
+    *,
+    extrapolate: bool,
+) -> None:
+    """Correct samples until the source ends or Ctrl-C is pressed, and print a summary."""
+    from inercal.host.correction import open_correction
+
+    correction = open_correction(
+        calibration, run, source, to=to, form=form, extrapolate=extrapolate, tell=report_line
+    )
+    for text in (*unreliable_text(calibration), *assumed_zero_texts(calibration)):
+        report_line(text)
+    with _interrupts_stop(correction):
+        report_line(str(correction.run()))
+
+
+@contextmanager
+def _interrupts_stop(correction: "LiveCorrection") -> Generator[None]:
+    """Let the first Ctrl-C stop a correction, and a second one the program."""
+
+    def stop(number: int, frame: "FrameType | None") -> None:
+        correction.stop()
+        signal.signal(number, before)
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
