@@ -1,4 +1,4 @@
-"""Bench estimates: bench parameters that are determined only from the data of a run.
+"""Estimate bench parameters from the data of a run, without their stated values.
 
 The fit uses the stated value q₀ ± u_q of a bench parameter q as a prior. If the data also determine
 q, the prior can be removed from the result. The estimate q' then comes only from the run::
@@ -28,10 +28,8 @@ class BenchEstimate:
     unit, meaning : str
     value, std : float
         q' and its standard uncertainty from P'_qq, multiplied by the Birge ratio.
-    own_std : float
-        Standard uncertainty without the part that runs share if they use the same determinations of
-        other parameters.
-    stated, stated_std : float
+    own_std : float Standard uncertainty without the part that all runs with the same determinations
+    of the other parameters have in common. stated, stated_std : float
         Stated value q₀ and its standard uncertainty u_q.
 
     Raises

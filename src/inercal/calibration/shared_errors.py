@@ -1,4 +1,4 @@
-"""Errors of a bench that several calibrations share, because they last longer than a run.
+"""Describe the bench errors that several calibrations share because they outlast a run.
 
 A parameter q of the bench is stated as q₀ ± u_q, and no run measures it again. Examples are the
 radius of an arm, local gravity and the azimuth of a base. The coefficients c are estimated with

@@ -1,4 +1,4 @@
-"""Limits for coefficients, and the test whether a calibration conforms to these limits.
+"""Test whether the coefficients of a calibration are within their limits.
 
 The result for the whole sensor is the worst result of all its limits. The probability that the
 sensor conforms is the probability that all coefficients conform at the same time, computed from

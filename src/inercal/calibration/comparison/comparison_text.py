@@ -10,8 +10,8 @@ from inercal.calibration.suspect_text import p_value_text
 
 SHARED_NOTE = "errors that both share cancel in the difference, so E_n and χ² do not include them"
 INDEPENDENCE_NOTE = (
-    "errors that calibrations share, such as those of the bench, are treated as independent: E_n "
-    "and χ² are then too small, and only larger changes are detected"
+    "errors that calibrations share, such as those of the bench, are treated as independent: this "
+    "makes E_n and χ² too small, so only larger changes are detected"
 )
 
 _CHANCE = 0.05  # significance level of a joint test

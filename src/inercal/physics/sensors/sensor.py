@@ -111,7 +111,7 @@ class Sensor:
         return {}
 
     def beside(self, other: "Sensor") -> "Sensor":
-        """Return a sensor with the axes and coefficients of another one after its own."""
+        """Return a sensor that also has the axes and coefficients of `other`, after its own."""
         return replace(
             self, axes=self.axes + other.axes, coefficients=self.coefficients + other.coefficients
         )
