@@ -35,7 +35,7 @@ def agreement(estimate: Estimate, *, wrong: bool = False) -> str:
     what = "the residuals agree" if wrong else "the data agree"
     if estimate.groups:
         if any(group.spread.excess for group in estimate.groups):
-            return "the residuals are larger than usual, but not significantly; U allows for this"
+            return "the residuals are larger than usual, but not significantly; U includes them"
         tested = all(group.dof > 0 for group in estimate.groups)
         return (
             f"{what} with their noise"
@@ -76,7 +76,7 @@ def agreement_lines(
         if not estimate.consistent and assessment.rejects:
             clause = f"the residuals are larger than the stated noise and bench allow ({numbers})"
     elif not (assessment.tests or estimate.score_tests.scores):
-        clause = "this estimator cannot test how well the data agree with the model"
+        clause = "this estimator does not test how well the data agree with the model"
     elif estimate.groups and assessment.rejects:
         clause = "the residuals are larger than the noise explains"
     if assessment.rejects and not assessment.tests:

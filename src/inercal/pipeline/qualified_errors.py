@@ -1,4 +1,4 @@
-"""Errors of qualified bench parameters, which several calibrations share.
+"""Compute the errors that calibrations share because of qualified bench parameters.
 
 Calibrations with the same qualification share the covariance J Σ Jᵀ, where Σ is the covariance of
 the bench parameters b₀ and J = ∂c/∂b₀. It is stored as the columns of J L, where Σ = L Lᵀ. Column j

@@ -3,8 +3,8 @@
 For a recording, the noise density of the means is compared with [sensor] white. In addition to
 white noise N, a mean over T contains the effects of bias instability B, random walk K and the
 quantisation step q. The variance of these effects is at most B² + K² T/3 + q²/12, and the
-comparison takes it into account. If the sensor moves or is held by hand, readings contain more than
-its noise. In these cases, only a stated white noise that is too large can be detected.
+comparison takes it into account. If the sensor moves or is held by hand, its readings scatter by
+more than its noise. In these cases, only a stated white noise that is too large can be detected.
 
 For a table of means, the noise is only known from the run file, and the residuals show whether it
 is correct (`inercal.estimation.noise_scale`). The residuals also show if noise and bench errors

@@ -1,4 +1,4 @@
-"""Bench constants that a run file states without "±", and their effect on the result.
+"""Find the effect of bench constants that a run file states without "±".
 
 The uncertainty of such constants is assumed to be half a unit of the last digit
 (`inercal.basics.units.parse_quantity`). The contribution of a constant to u of a coefficient is

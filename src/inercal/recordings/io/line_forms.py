@@ -1,9 +1,9 @@
-"""Lines in which a terminal or a sketch writes words between the numbers, read as plain rows.
+"""Read lines in which a terminal or a sketch writes words between the numbers.
 
 A serial monitor writes the time of arrival before each line (`10:11:23.000 -> 1.2,3.4`). A sketch
 for a serial plotter writes a name before each number (`ax:1.2 ay:3.4`), and others write a word
-before a group of numbers (`a/g: 1 2 3 4 5 6`). The words are the same in all rows. Names become the
-header; the time of arrival is that of the link, not of the sensor, and is left out.
+before a group of numbers (`a/g: 1 2 3 4 5 6`). All rows must have the same words. Names become the
+header. The time of arrival is left out, because the link determines it and not the sensor.
 """
 
 import re
@@ -30,7 +30,7 @@ Labels = tuple[tuple[str, int], ...]
 
 @dataclass(frozen=True)
 class LineForm:
-    """What stands between the numbers of each row.
+    """The words that each row has between its numbers.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class LineForm:
         return wrapped[1] if wrapped else line
 
     def plain(self, line: str) -> str:
-        """Return a line with commas between its numbers, or unchanged if its words are others.
+        """Return a line with commas between its numbers; a line with other words stays unchanged.
 
         >>> LineForm(labels=(("ax", 1), ("ay", 1))).plain("ax:1.2 ay:3.4")
         '1.2,3.4'

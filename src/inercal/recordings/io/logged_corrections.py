@@ -1,4 +1,4 @@
-"""Corrections that a flight controller made before logging, and how to undo them.
+"""Undo the corrections that a flight controller made before it wrote the log.
 
     reading = R ((raw − offset) ∘ scale)        raw = (Rᵀ reading) / scale + offset
 

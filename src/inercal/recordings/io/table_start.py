@@ -1,9 +1,9 @@
 """Find the header and the first data row of a text file among the lines that a logger writes.
 
 The header is the first row of words that is as wide as the data and stands above numbers. If there
-are several such rows, some of them contain the units or the kind of each column, which repeat: the
-names are then the lowest row whose cells all differ. Without a header, lines of prose above the
-data are left out.
+are several such rows, some of them contain the unit or the kind of each column. These entries
+repeat, so the names are in the lowest row whose cells all differ. Without a header, lines of prose
+above the data are left out.
 """
 
 import re

@@ -1,11 +1,11 @@
 """Determine the layout of a text file from its first lines.
 
-Columns are separated by semicolons, tabs, commas or white space: the first of these, in this order,
-that a row of data contains. The first line names the columns if it contains no number, or a word
-above a number. A comment directly above the data also names them if it has as many words as there
-are columns. Loggers write information about themselves above the table, and units below its header
-(`table_start`). Terminals and sketches write words between the numbers (`line_forms`). Excel writes
-"sep=;" in the first line.
+Columns may be separated by semicolons, tabs, commas or white space. They are tried in this order,
+and the first separator that occurs in a row of data is used. The first line names the columns if it
+contains no number, or a word above a number. A comment directly above the data also names them if
+it has as many words as there are columns. Loggers write information about themselves above the
+table, and units below its header (`table_start`). Terminals and sketches write words between the
+numbers (`line_forms`). Excel writes "sep=;" in the first line.
 """
 
 import csv

@@ -1,8 +1,8 @@
-"""Signed counts that a program wrote as unsigned numbers.
+"""Recover signed counts that a program wrote as unsigned numbers.
 
-A sensor's counts of b bits run from −2^(b−1) to 2^(b−1) − 1. Written as unsigned numbers, −1
-becomes 2^b − 1: small readings of both signs then lie at both ends of the range, with nothing in
-between, and a reading that passes through zero jumps by nearly the whole range.
+A sensor's counts of b bits run from −2^(b−1) to 2^(b−1) − 1. If they are written as unsigned
+numbers, −1 becomes 2^b − 1. Small readings are then either near 0 or near the largest number, with
+nothing in between, and a reading that passes through zero jumps by nearly the whole range.
 """
 
 import numpy as np

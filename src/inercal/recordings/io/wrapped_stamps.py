@@ -1,4 +1,4 @@
-"""Stamps and counters that wrap around to 0, because they have a limited number of bits.
+"""Unwrap stamps and counters, which return to 0 because they have a limited number of bits.
 
 A counter of b bits wraps around after M = 2^b of its units: a packet counter after 256 or 65536
 packets, and a 32-bit counter of µs after 71.6 minutes. Its readings s then fall by nearly M:
