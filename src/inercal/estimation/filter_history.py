@@ -1,4 +1,4 @@
-"""The estimates and innovations of a sequential estimator at each epoch."""
+"""Store the estimates and innovations of a sequential estimator at each epoch."""
 
 from dataclasses import dataclass
 

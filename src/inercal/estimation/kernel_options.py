@@ -1,4 +1,4 @@
-"""Decorators for kernels, with variants that compile faster and call each other without overhead.
+"""Decorate kernels, so that they compile faster and call each other without overhead.
 
 The kernels allocate nothing and count no references to arrays. Their caller allocates the arrays
 that they use. Only this module and `kernel_records` use options and parts of Numba that are not
@@ -172,7 +172,7 @@ class _CompilationListener(event.Listener):
 
 @contextmanager
 def on_compilation(begun: Callable[[], None]) -> Generator[None]:
-    """Call a function when the first kernel in the `with` block has to be compiled, not loaded."""
+    """Call a function as soon as a kernel in the `with` block must be compiled, not loaded."""
     listener = _CompilationListener(begun)
     event.register("numba:compile", listener)
     try:

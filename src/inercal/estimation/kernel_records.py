@@ -1,4 +1,4 @@
-"""Named tuples of arrays that kernels receive by reference.
+"""Pass named tuples of arrays to kernels by reference.
 
 Numba passes a named tuple by value, so each call of a kernel would pass hundreds of numbers, and
 the compiler would need most of its time for them. A `record` is stored in memory once per call from

@@ -1,4 +1,4 @@
-"""Knowledge from outside the observations: Gaussian priors and exact gauges.
+"""Describe what is known apart from the observations: Gaussian priors and exact gauges.
 
 A prior N(μ, Σ) on some parameters enters as whitened rows L⁻¹(μ − x) with Σ = L Lᵀ, as if those
 parameters had been observed once. A gauge C x = d is exact: it fixes properties that no observation

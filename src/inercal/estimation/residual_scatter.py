@@ -1,4 +1,4 @@
-"""Estimate from residuals how much noise to add, or which share of the stated noise counts.
+"""Estimate from residuals how much noise is missing, or which share of the noise counts.
 
 If observations scatter by more than their noise, they have errors that do not average out with more
 samples: the means of two identical rests then differ by more than their noise. Enlarging every
@@ -123,7 +123,7 @@ def fit_scatter(
 
 
 def leave_one_out_factors(rows: Array, noise_dof: float = np.inf) -> Array:
-    """Return factors that rescale each whitened row according to the other rows' scatter, (r,).
+    """Return factors, (r,), that rescale each whitened row by the scatter of the other rows.
 
     A factor is 1 if the scatter of the other rows is within its 95 % bound. Otherwise the ratio of
     the row's sum of squares to that of the others has an F distribution, and the factor converts it

@@ -1,4 +1,4 @@
-"""Data structures for sensor calibrations in the files of other programs."""
+"""Describe the sensor calibrations that files of other programs contain."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""The declaration of a target for `inercal export`, and the data that it returns."""
+"""Declare a target for `inercal export`, and the data that it returns."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -1,1 +1,1 @@
-"""Fleets: batch calibration of the sensors of a production line, and statistics over them."""
+"""Calibrate all sensors of a production line (a fleet), and compute statistics over them."""

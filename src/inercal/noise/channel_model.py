@@ -1,4 +1,4 @@
-"""Model of a channel's noise: its terms, the sensor's own filter, and the drift.
+"""Model the noise of a channel: its terms, the sensor's own filter, and the drift.
 
 1. A filter is searched for (`filter_search`). It is accepted if the fit with this filter passes the
    test.
@@ -51,7 +51,7 @@ _LEAST_WHITE = 0.1  # smallest N over the noise density of all samples
 
 @dataclass(frozen=True, eq=False)
 class ChannelSummary:
-    """Data from which the noise of a channel is determined: spectra, deviations, disturbances.
+    """The spectra, deviations and disturbances from which the noise of a channel is determined.
 
     Parameters
     ----------

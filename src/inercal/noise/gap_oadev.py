@@ -1,4 +1,4 @@
-"""Allan deviation of a recording with gaps, across the gaps or joined from its pieces.
+"""Compute the Allan deviation of a recording with gaps, across the gaps or piece by piece.
 
 All samples are placed on one time grid with the sampling interval. A difference between two means
 over m grid places is used if at least half of the places of each mean have a sample::

@@ -1,4 +1,4 @@
-"""Try every advice before giving it, by calibrating the run again with the changed keys.
+"""Try each piece of advice before giving it: calibrate the run again with the changed keys.
 
 A change is not advised if it causes an error in the run file, the plan or the data, or if χ²
 decreases by far less than the cause should explain. Advice on undetectable coefficients is not
