@@ -1,4 +1,4 @@
-"""Benches: the equipment that moves the sensor, its stated imperfections, and its qualification.
+"""Describe benches: the equipment that moves the sensor, its imperfections, its qualification.
 
 The names below are loaded on first use, because a run needs only one kind of bench.
 """

@@ -1,4 +1,4 @@
-"""A kind of bench: its interface to the rest of the package.
+"""Define a kind of bench: its interface to the rest of the package.
 
 Each kind of bench is one `Kind` object, registered under `inercal.benches`. Its functions return
 data; the report draws them and the terminal prints them.

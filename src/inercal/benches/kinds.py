@@ -1,4 +1,4 @@
-"""Kinds of benches by name."""
+"""Find the kinds of benches by name."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Drafts of run files from logs, with questions in a terminal: for `init` and `calibrate`."""
+"""Draft run files from logs, with questions in a terminal: for `init` and `calibrate`."""
 
 import sys
 from collections.abc import Sequence

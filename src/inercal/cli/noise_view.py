@@ -1,4 +1,4 @@
-"""Output of a sensor's noise and a data sheet's noise, to the terminal and as JSON."""
+"""Show the noise of a sensor and of a data sheet, on the terminal and as JSON."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Output of a plan: its steps, the expected uncertainties and the table to fill in."""
+"""Show a plan: its steps, the expected uncertainties and the table to fill in."""
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby

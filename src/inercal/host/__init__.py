@@ -1,1 +1,1 @@
-"""The bench host: drives a table, reads an IMU, records both and estimates live."""
+"""Run the bench host: it drives a table, reads an IMU, records both, and estimates live."""

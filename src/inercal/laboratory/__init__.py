@@ -1,1 +1,1 @@
-"""A laboratory: register, certificates, control charts and repeated sessions."""
+"""Run a laboratory: register, certificates, control charts and repeated sessions."""

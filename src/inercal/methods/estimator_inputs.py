@@ -1,4 +1,4 @@
-"""Checks of the inputs of estimators, with the same messages for every estimator."""
+"""Check the inputs of estimators, with the same messages for every estimator."""
 
 from collections.abc import Sequence
 from itertools import zip_longest

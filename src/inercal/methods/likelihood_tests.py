@@ -1,4 +1,4 @@
-"""Maximum-likelihood tests for estimators that have no meaningful residuals of their own.
+"""Test estimators without meaningful residuals of their own, by maximum likelihood.
 
 A closed formula uses only some of the readings, or all of them with equal weights, so its residuals
 test nothing. The maximum-likelihood problem with the same observations and the stated bench gives a

@@ -1,4 +1,4 @@
-"""Least-squares estimates from one recording, or from many trials block by block."""
+"""Estimate by least squares from one recording, or from many trials block by block."""
 
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress

@@ -151,7 +151,7 @@ def _recorded_noise(
             f"[sensor.{section}]"
         )
         if severity == "warning" and ratio > 1 and severe:
-            text += "; U is computed from the stated noise and is too large"
+            text += "; U is too large, because it is computed from the stated noise"
         yield Finding(severity, "noise", text, name, factor=ratio)
 
 
@@ -203,8 +203,8 @@ def _noise_of_means(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
 
 def _means_finding(section: str, ratio: float) -> Finding:
     text = (
-        f"the means scatter less than stated: [data.sd] of {section} is {_times(ratio)}; U is "
-        "computed from it and is too large"
+        f"the means scatter less than stated: [data.sd] of {section} is {_times(ratio)}; U is too "
+        f"large, because it is computed from this value"
     )
     return Finding("warning", "noise", text, factor=ratio)
 

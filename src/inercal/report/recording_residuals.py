@@ -1,4 +1,4 @@
-"""Summary of residuals by step, for methods that use all samples of a recording.
+"""Summarise residuals by step, for methods that use all samples of a recording.
 
 A recording has tens of thousands of whitened residuals r with variance 1, too many to show one by
 one. If the model is right, the n residuals of a step satisfy:

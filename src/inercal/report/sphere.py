@@ -1,4 +1,4 @@
-"""Figure of the measured attitudes on a sphere of body directions, seen from two sides."""
+"""Draw a figure of the measured attitudes on a sphere of body directions, seen from two sides."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 

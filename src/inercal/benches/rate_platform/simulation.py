@@ -1,4 +1,4 @@
-"""Simulation of a rate platform, which runs through its sections one after another.
+"""Simulate a rate platform, which runs through its sections one after another.
 
 Each section begins at the azimuth of its setting, and its rate is constant. The earth's rate
 rotates relative to the case while the table turns. The recording omits the time between sections in

@@ -1,4 +1,4 @@
-"""Samples as they come from a source, and the columns of the run file that they need.
+"""Read samples as they arrive from a source, and find the columns that the run file needs.
 
 The readings in IMU packets get the nominal readout of the run file as they arrive.
 """

@@ -1,4 +1,4 @@
-"""What the checks of a driver have in common: opening, waiting, and expecting an error."""
+"""Do what all checks of a driver need: open the device, wait, and expect an error."""
 
 import re
 from collections.abc import Callable

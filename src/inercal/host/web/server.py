@@ -250,7 +250,7 @@ def serve(options: ServerOptions) -> None:
         server = web_server(hub, options.register, access, refused)
         host = socket.gethostname() if options.host in _WILDCARD_HOSTS else options.host
         print_notice(
-            "the STOP of this page is software and not a safety function; the hardware interlock is"
+            "the STOP on this page is only software; the safety function is the hardware interlock"
         )
         address = f"http://{_bracketed_host(host)}:{port}/"
         print(_page_address_text(address, options.token, token), flush=True)

@@ -1,4 +1,4 @@
-"""Random effects that describe the scatter of a sensor between sessions.
+"""Describe the scatter of a sensor between sessions by random effects.
 
 Each effect has a known shape and one unknown variance. The same coefficients of similar axes have a
 common variance from day to day, and another from one power cycle to the next. A new mounting

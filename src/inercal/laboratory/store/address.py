@@ -1,4 +1,4 @@
-"""Addresses of registers: SQLite files, or databases on a PostgreSQL server."""
+"""Read the address of a register: an SQLite file, or a database on a PostgreSQL server."""
 
 import os
 import re

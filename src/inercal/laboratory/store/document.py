@@ -1,4 +1,4 @@
-"""Verified calibrations that can be entered, with the additional columns of the register."""
+"""Verify calibrations before they are entered, and add the columns of the register."""
 
 import json
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Rests of a recording: read from labels or a file of marks, or detected, and then checked.
+"""Read the rests of a recording from labels or marks, or detect them, and check them.
 
 Labels may use the names that people give to the faces of a case, such as "+Z", "z up", "x_up", "-y"
 or "x_a".

@@ -65,7 +65,7 @@ MOST_VALUES_OPTION = Option(
     MOST_VALUES_KEY.split()[-1],
     int,
     MOST_VALUES,
-    "most 8-byte values that the file may contain in the columns that are read",
+    "largest number of 8-byte values that the file may have in the columns that are read",
 )
 
 

@@ -1,4 +1,4 @@
-"""Deviations of the planar calibration, and the causes of its errors in tilted poses."""
+"""Find the deviations of the planar calibration, and the causes of its errors in tilted poses."""
 
 import numpy as np
 
