@@ -1,4 +1,4 @@
-"""Describe benches: the equipment that moves the sensor, its imperfections, its qualification.
+"""Benches: the equipment that moves the sensor, its stated imperfections, and its qualification.
 
 The names below are loaded on first use, because a run needs only one kind of bench.
 """

@@ -1,4 +1,4 @@
-"""Export calibrations to other programs, devices and languages, and import from them.
+"""Export of calibrations to other programs, devices and languages, and import from them.
 
 `export_calibration` returns the text of a file and its error relative to the calibration; `TARGETS`
 lists the targets. A target is a module with `TARGET = Target(...)`

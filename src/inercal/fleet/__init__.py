@@ -1,1 +1,1 @@
-"""Calibrate all sensors of a production line (a fleet), and compute statistics over them."""
+"""Fleets: batch calibration of the sensors of a production line, and statistics over them."""

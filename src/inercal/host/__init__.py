@@ -1,1 +1,1 @@
-"""Run the bench host: it drives a table, reads an IMU, records both, and estimates live."""
+"""The bench host: drives a table, reads an IMU, records both and estimates live."""

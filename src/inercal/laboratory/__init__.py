@@ -1,1 +1,1 @@
-"""Run a laboratory: register, certificates, control charts and repeated sessions."""
+"""A laboratory: register, certificates, control charts and repeated sessions."""

@@ -1,4 +1,4 @@
-"""Provide the calibration methods by name, and the residual functions that they share.
+"""Calibration methods by name, and the residual functions that they share.
 
 A method consists of a plan, the coefficients that it can estimate, and named estimators.
 """

@@ -274,8 +274,8 @@ def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
     ):
         return _refused(
             model,
-            "white noise behind a low-pass filter with a low cut-off has the same spectrum as "
-            "a random walk, and no other white noise was found that could distinguish them",
+            "white noise behind a low-pass filter with a low cut-off has the same spectrum as a "
+            "random walk, and there is no other white noise that could distinguish the two",
         )
     return model
 

@@ -1,4 +1,4 @@
-"""Texts about a noise analysis for the terminal and the page."""
+"""Write the texts about a noise analysis for the terminal and the page."""
 
 from math import inf, isinf
 

@@ -1,4 +1,4 @@
-"""Run the main path from a run file to a calibration, with drafts, plans, budgets and checks.
+"""The main path from a run file to a calibration, with drafts, plans, budgets and checks.
 
 run file ─> recording ─> audit ─> marks ─> observations ─> method's estimator ─> calibration
 """

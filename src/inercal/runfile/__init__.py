@@ -1,4 +1,4 @@
-"""Read run files: TOML files that state the sensor, the bench, the data and the method.
+"""Reader for run files: TOML files that state the sensor, the bench, the data and the method.
 
 `read` checks the whole file, including the units, and returns plain objects in SI units. Every
 error message is one line that names the file, the key and the possible values.

@@ -1,4 +1,4 @@
-"""Recompute source papers: tables, figures and claims, judged by the numbers.
+"""Studies that recompute source papers: tables, figures and claims, judged by the numbers.
 
 A study is a module with a function `run(trials, seed, say, executor)`. To add a study, add a line
 to `STUDIES`.

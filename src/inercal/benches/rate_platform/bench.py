@@ -1,4 +1,4 @@
-"""A rate platform as a bench: a table with a vertical axis, and a platform with known angles.
+"""Describe a rate platform: a table with a vertical axis, and a platform with known angles.
 
 In a dwell at the rate Ω, in setting s with the case direction e up and a₁, a₂ perpendicular to it,
 the sensor senses::

@@ -1,4 +1,4 @@
-"""A rate platform, as a kind of bench, with its report and its worksheet.
+"""Register the rate platform as a kind of bench, with its report and its worksheet.
 
 The report shows residuals of the straight lines, and directions at rest. The worksheet lists the
 sections, setting by setting.

@@ -1,4 +1,4 @@
-"""The level earth rate, which turns in the case while the table turns, and changes the readings.
+"""Compute the effect of the level earth rate, which rotates in the case while the table turns.
 
 The change within a section follows from the rate of the table, except for the azimuth at its start.
 It is neither noise nor a disturbance, so it is subtracted before the samples of a section are

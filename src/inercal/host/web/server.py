@@ -1,4 +1,4 @@
-"""The web server of the page: how it listens, limits connections and shuts down.
+"""Runs the web server of the page: it listens, limits connections and shuts down.
 
 If the server is ended during a run, the run is stopped. The server waits until the table is at rest
 and the process of the run has ended. A second Ctrl-C ends the server at once, but the run is still
