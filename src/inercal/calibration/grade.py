@@ -142,7 +142,7 @@ class NoiseFactor(NamedTuple):
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a result, with its reasons; iterating over it yields its lines.
+    """The verdict on a result, with the reasons for it; iterating over a verdict yields its lines.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ def scatter_of_file(path: Path, compared: Comparison) -> RunScatter:
         )
     if not set(found.names) & set(compared.names):
         raise InputError(
-            f"{path}: it contains none of the coefficients of the calibrations, only "
+            f"{path}: the file has none of the coefficients of the calibrations, only "
             f"{', '.join(found.names)}",
             file=path,
             key="--repeatability",
