@@ -1,4 +1,4 @@
-"""Bounded reading of small hand-written files: run files, packet descriptions, tables.
+"""Read small hand-written files safely: run files, packet descriptions, tables.
 
 Reading never waits, because FIFOs and devices are rejected. Files larger than `LARGEST` are not
 read. TOML nested deeper than `DEEPEST` is rejected, because code that walks through the levels

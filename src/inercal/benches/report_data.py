@@ -1,4 +1,4 @@
-"""The part of a report that a kind of bench contributes, as data: directions, plots and tables.
+"""Define what a kind of bench adds to a report, as data: directions, plots and tables.
 
 A bench returns only numbers and words; the report draws and prints them.
 """

@@ -8,11 +8,11 @@ deviations. If the estimated parameters absorb all but a thousandth of the candi
 candidate may differ from its stated value by at most 6 standard deviations.
 
 A candidate cannot be distinguished from the best candidate if the angle between the residuals that
-the two explain is less than 30°. Several candidates may explain as much: their χ² differs by at
-most 4, and (except for rows) they have no more directions. Among these, the choice follows the
-possible remedies, in this order: a coefficient that the method can estimate, the bench, a change
-during the run, a row, other coefficients. Between two stated quantities, the quantity that differs
-from its stated value by fewer standard deviations is chosen.
+the two explain is less than 30°. Several candidates may explain the residuals equally well: their
+χ² differs by at most 4, and (except for rows) they have no more directions. The one with the most
+useful remedy is then chosen, in this order: a coefficient that the method can estimate, the bench,
+a change during the run, a row, other coefficients. Between two stated quantities, the quantity that
+differs from its stated value by fewer standard deviations is chosen.
 
 An advisor says what to do about such a cause.
 """
@@ -49,7 +49,7 @@ _MIN_P_VALUE = 1e-280  # smaller probabilities are computed from an asymptotic f
 
 @dataclass(frozen=True)
 class SuspectedCause:
-    """The candidate that explains the residuals best; it is not in the model or assumed known.
+    """The candidate, an unmodelled effect or a stated value, that best explains the residuals.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class SuspectedCause:
 
 @dataclass(frozen=True)
 class OutlierRow:
-    """The row that agrees worst with the others, and its p-value, adjusted for all rows.
+    """The row that agrees least with the others, and its p-value, adjusted for the number of rows.
 
     `indistinguishable` lists the rows that no test can distinguish from this row.
     """
@@ -231,7 +231,7 @@ def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
 
 
 def find_outlier_row(estimate: Estimate) -> OutlierRow | None:
-    """Return the row that agrees worst with the others; None if no row was tested."""
+    """Return the row that agrees least with the others, or None if no row was tested."""
     rows = [score for score in estimate.score_tests.scores if score.kind == "row" and score.dof]
     if not rows:
         return None
@@ -250,7 +250,7 @@ def _log_p(score: ScoreTest) -> float:
 
 
 class Advisor(Protocol):
-    """An advisor that tries its advice: it makes sure that a run file with the changes works."""
+    """An advisor that tries its advice before it gives it, so that the changed run file works."""
 
     def on_cause(self, cause: SuspectedCause) -> Advice:
         """Return keys that make the model include a cause, or else an action at the bench."""

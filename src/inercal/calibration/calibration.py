@@ -1,4 +1,4 @@
-"""The class of a calibration: its values, the correction of readings, and its conversions."""
+"""The class of a calibration, which corrects readings and can be converted to other frames."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

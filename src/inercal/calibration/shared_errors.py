@@ -49,10 +49,8 @@ class BenchEstimate:
     unit, meaning : str
     value, std : float
         q' and its standard uncertainty from P'_qq, multiplied by the Birge ratio.
-    own_std : float
-        Standard uncertainty without the part that runs share if they use the same determinations of
-        other parameters.
-    stated, stated_std : float
+    own_std : float Standard uncertainty without the part that all runs with the same determinations
+    of the other parameters have in common. stated, stated_std : float
         Stated value q₀ and its standard uncertainty u_q.
 
     Raises

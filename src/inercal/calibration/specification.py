@@ -8,7 +8,7 @@ their covariance. For example, if each of 24 independent coefficients conforms w
 The scatter from one use to the next comes from a file of `inercal repeat`. Schema
 "inercal/repeatability/1": `sensor`, `frame`, `form`, `coefficients` (a list of name, unit,
 value and the uncertainties of mean and next use, SI), `scatter` (covariance that the next use adds,
-in that order), `dof`, and additional fields for readers.
+in that order) and `dof`. Further fields are only for people who read the file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,7 +44,7 @@ _Number = Annotated[float, Field(allow_inf_nan=False)]
 
 @dataclass(frozen=True, eq=False)
 class NextUseScatter:
-    """The scatter of a sensor between uses.
+    """How much the coefficients of a sensor scatter from one use to the next.
 
     Parameters
     ----------

@@ -179,8 +179,8 @@ def best_cause_lines(
     """Return lines about the best tested cause if it does not explain the residuals."""
     words = cause_words(one.place, one.kind, one.components, sensor, expected)
     return [
-        "No single cause explains the residuals: something changes that the model does not "
-        "contain, several things are wrong, or the noise is larger than stated.",
+        "No single cause explains the residuals: either something changed that the model does not "
+        "include, or several things are wrong, or the noise is larger than stated.",
         f"The best of the tested causes is {words}: χ² would drop {_chi2_drop(one)} with "
         f"{degrees_of_freedom(one.remaining_dof)}, which is still too large "
         f"(p {p_value_text(one.remaining_p_value)}).",

@@ -1,4 +1,4 @@
-"""Output of a calibration, or of a comparison of two, to the terminal and as JSON."""
+"""Show a calibration, or a comparison of two, on the terminal and as JSON."""
 
 from typing import Any
 

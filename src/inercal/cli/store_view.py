@@ -1,4 +1,4 @@
-"""Output of `inercal store`: tables for the terminal, and JSON objects with numbers in SI."""
+"""Show what `inercal store` finds, as tables on the terminal or as JSON objects in SI."""
 
 import json
 from collections.abc import Sequence

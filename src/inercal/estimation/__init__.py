@@ -1,6 +1,7 @@
 """Estimation on plain arrays, independent of sensors: least squares, score tests, uncertainty.
 
-The names below are loaded at their first use, because checking a run file does not need them.
+The names below are only loaded when they are first used, because a check of a run file does not
+need them.
 """
 
 from typing import TYPE_CHECKING

@@ -271,7 +271,7 @@ class _CompilationListener(event.Listener):
 
 @contextmanager
 def on_compilation(begun: Callable[[], None]) -> Generator[None]:
-    """Call a function when the first kernel in the `with` block has to be compiled, not loaded."""
+    """Call a function as soon as a kernel in the `with` block must be compiled, not loaded."""
     listener = _CompilationListener(begun)
     event.register("numba:compile", listener)
     try:

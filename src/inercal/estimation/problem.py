@@ -1,4 +1,4 @@
-"""Estimation problems: parameters, observations and prior knowledge.
+"""Describe an estimation problem: its parameters, observations and prior knowledge.
 
 y = h(x) + noise, where x contains the wanted parameters and the nuisances. `linearise` returns the
 residual y − h(x) and the exact derivative ∂h/∂x. All arrays may have a leading trials dimension;

@@ -250,7 +250,7 @@ def fit_scatter(
 
 
 def leave_one_out_factors(rows: Array, noise_dof: float = np.inf) -> Array:
-    """Return factors that rescale each whitened row according to the other rows' scatter, (r,).
+    """Return factors, (r,), that rescale each whitened row by the scatter of the other rows.
 
     A factor is 1 if the scatter of the other rows is within its 95 % bound. Otherwise the ratio of
     the row's sum of squares to that of the others has an F distribution, and the factor converts it

@@ -1,4 +1,4 @@
-"""The results of an estimator: values, their covariance, and tests of the model.
+"""Store the results of an estimator: values, their covariance, and tests of the model.
 
 χ² is the sum over the whitened residuals of the observations and of the priors. Its degrees of
 freedom are observations + prior rows + gauge rows − parameters. If χ² exceeds its 95 % bound, noise

@@ -1,4 +1,4 @@
-"""Tests within sections for changes, correlated noise and a common trend.
+"""Test sections for changes, correlated noise and a common trend within them.
 
 A section of T seconds is divided into batches of equal length. Haar contrasts compare the batch
 means y: the first half with the second (level 1), then the two halves of each half (level 2), and

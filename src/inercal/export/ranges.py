@@ -1,4 +1,4 @@
-"""Ranges over which an export is compared with its calibration, and motions that fill them."""
+"""Choose the ranges over which an export is compared with its calibration, and fill them."""
 
 from dataclasses import dataclass, replace
 from itertools import product
@@ -58,7 +58,7 @@ def calibrated_ranges(
     temperature: Range | None = None,
     field: Range | None = None,
 ) -> Ranges:
-    """Return the stated ranges, those of the calibration's data, or ±1 g, ±1 rad/s and ±65 µT.
+    """Return the stated ranges, else those of the data, else ±1 g, ±1 rad/s and ±65 µT.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Calibration of a batch of sensors by a worker, which continues if a sensor fails."""
+"""Calibrate a batch of sensors in a worker, which continues if a sensor fails."""
 
 import re
 import traceback

@@ -1,4 +1,4 @@
-"""Calibration of a line in batches. Finished sensors are skipped, and failures get a row."""
+"""Calibrate a line in batches. Finished sensors are skipped, and each failure gets a row."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -180,7 +180,7 @@ _Compute = Callable[[Line, ResultWriter, Sequence[Work]], BatchDone]
 
 
 class Scheduling:
-    """Scheduler that distributes batches and collects results; few batches run at a time.
+    """Distributes batches to workers and collects the results; few batches run at a time.
 
     Parameters
     ----------

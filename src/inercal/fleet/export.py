@@ -1,4 +1,4 @@
-"""Export of fleet results: one table with a row per sensor, or one file per sensor."""
+"""Export the results of a fleet: one table with a row per sensor, or one file per sensor."""
 
 import csv
 import math

@@ -1,4 +1,4 @@
-"""Conclusions from the statistics of a fleet, as sentences and as a JSON object."""
+"""Express the conclusions from the statistics of a fleet as sentences and as a JSON object."""
 
 from collections.abc import Sequence
 from math import inf, isfinite, isnan

@@ -1,4 +1,4 @@
-"""A production line in a folder: a template for run files, and a table of sensors.
+"""Read a production line from a folder: a template for run files, and a table of sensors.
 
 ::
 

@@ -1,4 +1,4 @@
-"""The calibrated sensors of a line as arrays, for the statistics."""
+"""Collect the calibrated sensors of a line as arrays, for the statistics."""
 
 import json
 from collections import Counter

@@ -1,4 +1,4 @@
-"""Progress of a line: sensors by status and grade, and reasons for missing results."""
+"""Report the progress of a line: sensors by status and grade, and why results are missing."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

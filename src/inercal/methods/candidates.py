@@ -1,4 +1,4 @@
-"""Candidates for score tests: errors that a problem of means omits or treats as known.
+"""List candidates for score tests: errors that a problem of means omits or treats as known.
 
 The candidates come from an extended problem. This problem uses the same observations, and every
 coefficient in the sensor's table and every declared parameter of the bench is free. The Jacobian of

@@ -1,4 +1,4 @@
-"""Estimation problems with readings at the angles of a dividing head.
+"""Build estimation problems from readings at the angles of a dividing head.
 
 The errors of the head are nuisances or zero.
 """

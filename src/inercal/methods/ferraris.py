@@ -1,4 +1,4 @@
-"""Calibration of accelerometers and gyros from six positions and three turns.
+"""Calibrate accelerometers and gyros from six positions and three turns.
 
 If there are only gyros, the positions are used as stated. In this case no sensor reads the mean
 force during a turn, so the force is assumed to be gravity along the axis.

@@ -1,4 +1,4 @@
-"""The estimation problem that compares mean readings with the motion that the bench states.
+"""Build the problem that compares mean readings with the motion that the bench states.
 
 The motion is a function of the bench's declared parameters. Parameters with a standard deviation
 are nuisances; the others are exact.

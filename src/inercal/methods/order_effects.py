@@ -1,4 +1,4 @@
-"""Effects of the order of six positions that the readings do not reveal, and how to detect them.
+"""List what the order of six positions may hide from the readings, and how to detect it.
 
 A bias may change in a step between two positions. A sensor with hysteresis retains a part of its
 previous input, or has an error with the sign of the last change of its input. Each effect is a

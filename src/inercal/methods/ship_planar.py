@@ -1,4 +1,4 @@
-"""Calibration of a triad with level mountings on a rate table by linear least squares.
+"""Calibrate a triad with level mountings on a rate table by linear least squares.
 
 Let a be the readings and f the specific force that the bench states. For each axis separately::
 

@@ -169,7 +169,7 @@ def fourier(
     solving.refuse_tilted_form(sensor, "fourier", "least_squares")
     if [axis.i for axis in sensor.axes] != [(1.0, 0.0, 0.0)]:
         raise InputError(
-            "estimator fourier takes one accelerometer along x; use estimator least_squares",
+            "estimator fourier needs a single accelerometer along x; use estimator least_squares",
             key="[method] estimator",
             names=sensor.channels,
         )

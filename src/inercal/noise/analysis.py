@@ -74,7 +74,7 @@ def quiet_parts(parts: Sequence[Part], found: Sequence[Disturbance], dt: float) 
 
 
 def walk_remark(channel: ChannelNoise, other: NoiseFit | None, *, kept: bool) -> str:
-    """Return a remark that states K with and without the disturbed times.
+    """Return a remark that states K both with and without the disturbed parts of the recording.
 
     Parameters
     ----------

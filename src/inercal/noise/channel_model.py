@@ -1,4 +1,4 @@
-"""Model of a channel's noise: its terms, the sensor's own filter, and the drift.
+"""Model the noise of a channel: its terms, the sensor's own filter, and the drift.
 
 1. A filter is searched for (`filter_search`). It is accepted if the fit with this filter passes the
    test.
@@ -56,7 +56,7 @@ _LEAST_WHITE = 0.1  # smallest N over the noise density of all samples
 
 @dataclass(frozen=True, eq=False)
 class ChannelSummary:
-    """Data from which the noise of a channel is determined: spectra, deviations, disturbances.
+    """The spectra, deviations and disturbances from which the noise of a channel is determined.
 
     Parameters
     ----------
@@ -279,8 +279,8 @@ def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
     ):
         return _refused(
             model,
-            "white noise behind a low-pass filter with a low cut-off has the same spectrum as "
-            "a random walk, and no other white noise was found that could distinguish them",
+            "white noise behind a low-pass filter with a low cut-off has the same spectrum as a "
+            "random walk, and there is no other white noise that could distinguish the two",
         )
     return model
 

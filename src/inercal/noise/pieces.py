@@ -147,7 +147,7 @@ def _cut(
         remarks.append(
             f"the recording has {format_count(len(spans) - 1, 'gap')} ({format_duration(lost)} in "
             f"total), so it was split into {len(kept)} pieces, each with its own likelihood; the "
-            "Allan deviation uses means that are at least half full"
+            f"Allan deviation uses means of which at least half the samples exist"
         )
     if len(kept) < len(spans):
         left = sum(b - a for a, b in spans) - sum(b - a for a, b in kept)

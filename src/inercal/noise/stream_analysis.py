@@ -201,7 +201,7 @@ class NoiseStream:
         if len(self._pieces) > 1:
             remarks.append(
                 f"gaps split the recording into {len(self._pieces)} pieces, each with its own "
-                "likelihood; averaging times go up to the longest piece"
+                "likelihood; averaging times are limited by the longest piece"
             )
         if self._left_out:
             remarks.append(

@@ -1,4 +1,4 @@
-"""The base classes for the sections of a run file, and the conversion of their quantities to SI.
+"""Define base classes for the sections of a run file, and convert their quantities to SI.
 
 A section is a pydantic model in which values with units are text, such as "60 µg/√Hz". A key has an
 example if its default is None or uninformative; error messages show this example.

@@ -1,4 +1,4 @@
-"""Facts about a run that its calibration states, such as conditions and ranges of the data.
+"""Collect the facts about a run that its calibration states, such as conditions and ranges.
 
 The facts also include the provenance and the errors that other calibrations share. If a method uses
 means of rests or of constant rates, the ranges are computed from the means. If rates change or a

@@ -1,4 +1,4 @@
-"""Calibrate from a run that was read and checked, as the stations of the architecture page show."""
+"""Calibrate a run that was read and checked; the architecture page shows the same stations."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

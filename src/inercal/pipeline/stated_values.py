@@ -174,8 +174,8 @@ def _describe_constant(bench: Bench, key: str) -> str:
     unit = _CONSTANT_UNITS[key]
     u = format_value_and_uncertainty(0.0, widest.sd / si_factor(unit))[1]
     return (
-        f"{key} {format_quantity(widest.value, 0.0, unit)} is stated without ±, so half a unit of "
-        f"its last digit is taken as its uncertainty: u = {u} {unit}"
+        f"{key} {format_quantity(widest.value, 0.0, unit)} is stated without ±, so its error is "
+        f"assumed to be within half a unit of the last digit: u = {u} {unit}"
     )
 
 

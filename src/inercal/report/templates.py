@@ -1,4 +1,4 @@
-"""Renderer for page templates; they all extend `base.html`, which contains head and style."""
+"""Render page templates; they all extend `base.html`, which contains head and style."""
 
 from functools import cache
 from typing import Any

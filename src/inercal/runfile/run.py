@@ -1,6 +1,6 @@
-"""Contents of a checked run file, as objects in SI units.
+"""Store the contents of a checked run file as objects in SI units.
 
-[bench] qualification is read here too: it takes values of keys from qualification files.
+This module also replaces keys of [bench] with values from the qualification files that it names.
 """
 
 from collections.abc import Callable, Mapping
@@ -178,7 +178,7 @@ class Run(RunBase[Any]):
     sections: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     def for_sensor(self, sections: Mapping[str, Any], sha256: str) -> "Run":
-        """Return the run for another sensor, whose sections differ only in name and recording."""
+        """Return the run of another sensor; only its name and its recording differ."""
         name, magnetic = sections["sensor"]["name"], self.magnetometer
         return replace(
             self,

@@ -1,4 +1,4 @@
-"""Schema of a run file, with the keys of each section.
+"""Define the schema of a run file, with the keys of each section.
 
 Values with units are text, such as "60 µg/√Hz". If the default of a key is not a typical value, the
 key has an example, which error messages show.

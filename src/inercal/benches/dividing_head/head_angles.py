@@ -1,4 +1,4 @@
-"""The angles of a sensor on a dividing head and their dependence on the bench's parameters."""
+"""Compute the angles of a sensor on a dividing head, and how they depend on the bench."""
 
 from collections.abc import Mapping, Sequence
 from math import cos, degrees, pi, sin

@@ -1,4 +1,4 @@
-"""The input file of a qualification: TOML with the sections [qualification] and [measurement]."""
+"""Read the input file of a qualification, which has [qualification] and [measurement]."""
 
 import datetime as dt
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The mean motion during sections on a rate platform, with its derivatives.
+"""Compute the mean motion during sections on a rate platform, with its derivatives.
 
 The equations and symbols are the same as in `inercal.benches.rate_platform.bench`.
 

@@ -1,4 +1,4 @@
-"""A plain rate table, as a kind of bench, with its report and its worksheet.
+"""Register the plain rate table as a kind of bench, with its report and its worksheet.
 
 The report shows the errors of each axis by speed, and the states found in a recording. The table of
 states has the rate in r/min and the readings of three axes, with one row per state in the order of

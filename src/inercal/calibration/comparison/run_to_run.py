@@ -109,7 +109,7 @@ def scatter_of_file(path: Path, compared: Comparison) -> RunScatter:
         )
     if not set(found.names) & set(compared.names):
         raise InputError(
-            f"{path}: it contains none of the coefficients of the calibrations, only "
+            f"{path}: the file has none of the coefficients of the calibrations, only "
             f"{', '.join(found.names)}",
             file=path,
             key="--repeatability",
@@ -139,8 +139,8 @@ def against_scatter(compared: Comparison, scatter: RunScatter) -> RunToRun | Non
 
 SHARED_NOTE = "errors that both share cancel in the difference, so E_n and χ² do not include them"
 INDEPENDENCE_NOTE = (
-    "errors that calibrations share, such as those of the bench, are treated as independent: E_n "
-    "and χ² are then too small, and only larger changes are detected"
+    "errors that calibrations share, such as those of the bench, are treated as independent: this "
+    "makes E_n and χ² too small, so only larger changes are detected"
 )
 
 _CHANCE = 0.05  # significance level of a joint test

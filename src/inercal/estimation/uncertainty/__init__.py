@@ -1,4 +1,4 @@
-"""Uncertainty of means, functions and procedures.
+"""Compute the uncertainty of means, functions and procedures.
 
 Functions: first-order propagation, C_y = J C_x Jᵀ (GUM 5.2.2, equation 13; S2, 6.2).
 

@@ -243,7 +243,7 @@ class TextRows:
     def restart(self, *, mid_stream: bool) -> None:
         """Forget an incomplete sample, because the next bytes do not continue the last ones.
 
-        `mid_stream` tells whether they may begin in the middle of a sample.
+        `mid_stream` states whether these bytes may begin in the middle of a sample.
         """
         self.malformed += bool(self._buffer.strip())
         self._buffer, self._mid_line = b"", mid_stream

@@ -1,4 +1,4 @@
-"""The data of a certificate: every item that ISO/IEC 17025:2017, 7.8.2 and 7.8.4 require.
+"""Collect the data of a certificate: every item that ISO/IEC 17025:2017, 7.8.2 and 7.8.4 require.
 
 Each item is stored only once. PDF and DCC are both written from these data.
 

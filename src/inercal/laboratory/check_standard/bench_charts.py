@@ -1,4 +1,4 @@
-"""Control charts of a bench without a check standard, from the bench errors in its runs.
+"""Chart a bench that has no check standard, from the bench errors that its runs determine.
 
 Each bench parameter that runs determine (`inercal.calibration.shared_errors`) has a separate
 Shewhart chart and EWMA or CUSUM chart, because runs with different methods determine different

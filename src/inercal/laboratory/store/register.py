@@ -1,4 +1,4 @@
-"""The register of a laboratory, with methods that insert and read entries."""
+"""Open the register of a laboratory, insert entries and read them."""
 
 import os
 from collections.abc import Callable, Collection, Generator, Sequence

@@ -1,4 +1,4 @@
-"""Accelerometers on a precision centrifuge, calibrated from the norm of the specific force.
+"""Calibrate accelerometers on a precision centrifuge from the norm of the specific force.
 
 In every attitude on the arm the specific force has the norm √(a² + g²), where a is the centripetal
 acceleration. The attitudes need not be known. At tens of g the quadratic terms are observable in
@@ -18,8 +18,8 @@ the norm, with the change that would repair each. No row is changed, because onl
 original table.
 
 A plan contains several attitudes on the arm at several rates. Each dwell lasts whole turns. Norms
-determine the coefficients of an axis if it has readings of both signs. In the twenty positions of
-Wang and Li 2021, ψ covers only half a circle, and y never senses the arm from behind. On a full
+determine the coefficients of an axis only if it has readings of both signs. In the twenty positions
+of Wang and Li 2021, ψ covers only half a circle, and y never senses the arm from behind. On a full
 circle the uncertainty of the worst coefficient is seven times smaller with the same number of
 dwells.
 

@@ -188,7 +188,7 @@ def screen_rows(
 
 
 class Agreement(NamedTuple):
-    """How well rows agree with each other: a robust fit and the scatter of the rows about it."""
+    """The agreement between rows: a robust fit, and the scatter of the rows about it."""
 
     fit: Estimate
     noise: float  # ratio of the scatter of most rows to the stated one, at least 1

@@ -1,4 +1,4 @@
-"""Calibration of two orthogonal accelerometers on a dividing head, which together sense g.
+"""Calibrate two orthogonal accelerometers on a dividing head, which together sense g.
 
 A head error of 3″ corresponds to 15 µg when the sensitive axis is horizontal. Two accelerometers at
 right angles have opposite errors there, so ‖f̂‖ = g does not depend on the head. An autocollimator
@@ -56,7 +56,7 @@ _MIN_IMPROVEMENT = 3.0  # ratio of one coefficient's uncertainty to that of the 
 
 
 class CoefficientSum(NamedTuple):
-    """A sum of two coefficients that is known far better than either one; SI of the first."""
+    """A sum of two coefficients that is far better known than either, in SI units of the first."""
 
     name: str
     meaning: str

@@ -1,4 +1,4 @@
-"""Calibration by hand in many positions, with gravity as the only reference.
+"""Calibrate by hand in many positions, with gravity as the only reference.
 
 At each rest the specific force has the norm g, in any attitude. The norms therefore determine the
 accelerometers' bias, scale factor and non-orthogonality. Between two rests the gyros propagate the

@@ -1,4 +1,4 @@
-"""Calibration of gyros at constant rates and rests, and of accelerometers in known poses.
+"""Calibrate gyros at constant rates and rests, and accelerometers in known poses.
 
 Sections of all kinds can be mixed: rests, dwells at constant rates and turns by known angles about
 a vertical axis, in settings with several case axes up, and poses with known angles. The errors of

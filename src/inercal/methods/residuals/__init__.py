@@ -1,4 +1,4 @@
-"""Residual functions that the methods share: readings minus predicted readings.
+"""Provide the residual functions that the methods share: readings minus predicted readings.
 
 Vector observation: the mean reading of each row minus the model's reading for its motion,
 y − h(f, ω; c). The derivatives are exact. Derivatives with respect to the parameters of the motion

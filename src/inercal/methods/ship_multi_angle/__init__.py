@@ -1,4 +1,4 @@
-"""Calibration of a triad that is tilted by known angles on a rate table, as for ship models.
+"""Calibrate a triad that is tilted by known angles on a rate table, as for ship models.
 
 * `joint`: uses all states, untilted and tilted, and compares each axis with the force that it
   sensed. The angles and radius of each mounting, the speeds, the lean at each rest, the common

@@ -147,7 +147,7 @@ def global_(
 def _search_note(found: norm_equations.SearchResult, options: norm_equations.SearchOptions) -> str:
     """Return a note on the search: goal, generations and errors."""
     met = "is not met" if found.goal is None else f"is met at generation {found.goal}"
-    ended = "" if found.completed else f"; the time limit ended it after {found.seconds:.3g} s"
+    ended = "" if found.completed else f"; it stopped at the time limit, {found.seconds:.3g} s"
     goal, worst = (f"{100 * share:.3g} %" for share in (options.goal, found.worst))
     return (
         f"The goal of {goal} {met}, which says nothing about the coefficients. After "

@@ -1,4 +1,4 @@
-"""Compiled propagation of the drift of biases over time; the equations are in `drift`."""
+"""Propagate the drift of biases over time; the equations are in `drift`."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Compiled filter for the accelerometers, sample by sample; tests compare it with a plain version.
+"""Run the accelerometers' filter, sample by sample; the tests compare it with a plain version.
 
 States: δV (3), φ (3), p coefficients, drift of the biases (`turntable.drift`), q table parameters,
 and optionally two states for the error of each hold's angles about east and north.

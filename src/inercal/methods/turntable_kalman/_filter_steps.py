@@ -1,4 +1,4 @@
-"""Compiled steps that both filters share, and the arguments of their kernels.
+"""Carry out the steps that both filters share, and define the arguments of their kernels.
 
 Kernels change arrays in place, so a recording may be processed in pieces.
 

@@ -1,4 +1,4 @@
-"""Compiled observation of the gyros' attitude by a readback, at the time of the readback.
+"""Observe the gyros' attitude by a readback, at the time of the readback.
 
 A readback is compared with the attitude at its time t′. The error there is
 

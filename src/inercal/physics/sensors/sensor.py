@@ -1,4 +1,4 @@
-"""The sensor: named axes, the coefficients that describe their errors, and the exact model.
+"""Describe a sensor by named axes, the coefficients of their errors, and the exact model.
 
 `coefficient_tables` defines the terms and `axis_model` the response of an axis; a sensor combines
 its axes. All functions broadcast over leading dimensions for trials: motion `(..., n, 3)`,
@@ -111,7 +111,7 @@ class Sensor:
         return {}
 
     def beside(self, other: "Sensor") -> "Sensor":
-        """Return a sensor with the axes and coefficients of another one after its own."""
+        """Return a sensor that also has the axes and coefficients of `other`, after its own."""
         return replace(
             self, axes=self.axes + other.axes, coefficients=self.coefficients + other.coefficients
         )

@@ -1,14 +1,14 @@
-"""The error budget: the contribution of each imperfection to each coefficient.
+"""Compute the error budget: how much each imperfection contributes to each coefficient.
 
 A budget is valid for one configuration of the estimator and one stated bench. If the estimator
 estimates an error with a prior, it removes part of this error or spreads it over other
 coefficients.
 
 First order (GUM, JCGM 100:2008, 5.1): c_k = ∂E/∂z_k is computed by central differences over one
-standard deviation. An effect that is not larger than rounding errors over this step counts as zero.
-The independent draws of an imperfection are combined in quadrature, and so are all imperfections.
-Monte Carlo (GUM Supplement 1, JCGM 101:2008, clause 7): each imperfection is drawn separately, and
-then all are drawn together, with the same random numbers.
+standard deviation. If the effect of this step is not larger than rounding errors, it counts as
+zero. The independent draws of an imperfection are combined in quadrature, and so are all
+imperfections. Monte Carlo (GUM Supplement 1, JCGM 101:2008, clause 7): each imperfection is drawn
+separately, and then all are drawn together, with the same random numbers.
 
 The two methods differ if an estimate depends nonlinearly on an error, or if errors interact.
 
@@ -130,7 +130,7 @@ class Shift:
 
 
 def effect_shifts(experiment: Experiment) -> tuple[Shift, ...]:
-    """Return the shift due to each known effect and, if there are several, to all together."""
+    """Return the shift due to each known effect and, if there are several, due to all of them."""
     bench, own, z = experiment.bench, experiment.sensor.coefficients, experiment.expansion_point
     # The mean over a draw of the noise and the negative draw cancels the noise to first order.
     readings, priors = experiment.simulated_readings(np.stack([z, -z]))

@@ -1,4 +1,4 @@
-"""An error budget as rows of text, rounded according to the uncertainty, or as a JSON object."""
+"""Convert an error budget to a JSON object, or to rows of text with sensibly rounded numbers."""
 
 from dataclasses import dataclass
 from math import hypot

@@ -1,8 +1,8 @@
-"""The imperfections of a calibration: errors of the bench, noise of the readings, and priors.
+"""List the imperfections of a calibration: errors of the bench, noise, and priors.
 
-Each imperfection consists of independent random numbers (draws). If a bench declares an
-imperfection for every position, turn or dwell, or about every axis, this imperfection is one line
-of the budget, and its draws are combined in quadrature.
+Each imperfection consists of independent random numbers (draws). If a bench declares the same
+imperfection for every position, turn, dwell or axis, the budget has one line for it, in which the
+draws are combined in quadrature.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""A simulated calibration, as a function of all imperfections.
+"""Simulate a calibration as a function of all imperfections.
 
 The estimator is treated as a black box. All imperfections together form a vector z of independent
 standard normal numbers, and the calibration is a function of this vector::

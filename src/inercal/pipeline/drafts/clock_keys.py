@@ -50,7 +50,7 @@ def clock_keys(
     stamps = column.astype(np.float64)
     wrap: tuple[DraftKey, ...] = ()
     if (modulus := wrap_modulus(stamps)) is not None:
-        reason = f"{name} falls by nearly this number, so it restarts"
+        reason = f"{name} falls by nearly this number when it restarts"
         wrap = (DraftKey("data", "counter_modulus", modulus, reason),)
         stamps = unwrap_stamps(stamps, modulus).astype(np.float64)
     step = _require_steps(table, name, stamps, roles.units.get("time"))

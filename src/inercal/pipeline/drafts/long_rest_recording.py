@@ -1,4 +1,4 @@
-"""Read a recording at rest that is too long for the memory, block by block.
+"""Read a recording at rest block by block, because it is too long for the memory.
 
 Columns, units and rate are found from the first rows, as for a short recording. If there is a
 column of times, every step is compared with the typical step in the first rows. Gaps of one or two

@@ -3,7 +3,7 @@
 Columns, units and rate are found as in `init`. The unit of a gyro cannot be found from readings at
 rest. It is therefore taken from the column names or the format, or the user states it.
 
-Columns get their signs, if signed counts were written as unsigned numbers.
+If signed counts were written as unsigned numbers, the columns get their signs back.
 """
 
 from collections.abc import Mapping

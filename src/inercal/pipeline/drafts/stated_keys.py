@@ -1,7 +1,8 @@
-"""Run-file keys that the user states as text: `data.rate=100 Hz`, `data.gyro=[5, 6, 7]`.
+"""Read run-file keys that the user states as text: `data.rate=100 Hz`, `data.gyro=[5, 6, 7]`.
 
 A draft also states the keys of [bench] whose defaults have an effect, so that the user sees them.
-They often dominate U, such as half a degree for the tilt of a face, or one degree for a turn.
+Such defaults often dominate U, for example half a degree for the tilt of a face or one degree for a
+turn.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Load the recording of a run file: columns, limits and deviations from its [data] section."""
+"""Load the recording that a run file names, with the columns that its [data] section describes."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -38,7 +38,7 @@ def load_recording(run: RunBase[DataSection]) -> Recording:
 
 
 def load_magnetometers(run: RunBase[DataSection]) -> Recording:
-    """Read and audit the run's recording of the magnetometers, as a recording of its own.
+    """Read and audit only the magnetometers of a run, as a separate recording.
 
     The audit then treats the other axes as if there were no magnetometers.
 
@@ -113,7 +113,7 @@ def _key_of_column(section: DataSection, names: Sequence[str]) -> str | None:
 
 
 def require_not_refused(source: str, finding: Finding | None) -> tuple[Finding, ...]:
-    """Return the finding, if there is one, as a tuple.
+    """Return a tuple with the finding, or an empty one if there is none.
 
     Raises
     ------

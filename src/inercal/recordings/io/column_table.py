@@ -1,4 +1,4 @@
-"""A table as stored in a file: named columns, without any knowledge of a sensor."""
+"""Store a table from a file as named columns, without any knowledge of the sensor."""
 
 import hashlib
 import os
@@ -158,7 +158,7 @@ class Table:
         return line_of_row(row, self.first_line, self.line_breaks)
 
     def place(self, row: int) -> str:
-        """Return where a row is, in words: its line if known, otherwise its number from 1."""
+        """Describe where a row is, by its line if this is known, otherwise by its number from 1."""
         line = self.line(row)
         return f"row {row + 1}" if line is None else f"line {line}"
 

@@ -1,4 +1,4 @@
-"""Damaged files: convert any error that a library raises into one clear message."""
+"""Convert the errors that libraries raise on damaged files into clear messages."""
 
 from codecs import getincrementaldecoder
 from collections.abc import Generator

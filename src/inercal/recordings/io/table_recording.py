@@ -1,4 +1,4 @@
-"""Convert a table to a recording: contents of its columns, and times of the samples."""
+"""Convert a table to a recording: assign its columns, and compute the times of its samples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -38,7 +38,7 @@ Labels = tuple[tuple[str, int], ...]
 
 @dataclass(frozen=True)
 class LineForm:
-    """What stands between the numbers of each row.
+    """The words that each row has between its numbers.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class LineForm:
         return wrapped[1] if wrapped else line
 
     def plain(self, line: str) -> str:
-        """Return a line with commas between its numbers, or unchanged if its words are others.
+        """Return a line with commas between its numbers; a line with other words stays unchanged.
 
         >>> LineForm(labels=(("ax", 1), ("ay", 1))).plain("ax:1.2 ay:3.4")
         '1.2,3.4'

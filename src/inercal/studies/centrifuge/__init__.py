@@ -1,4 +1,4 @@
-"""The study of Wang and Li 2021: accelerometers on a precision centrifuge by norm observation.
+"""Run the study of Wang and Li 2021: accelerometers on a precision centrifuge by norm observation.
 
 Each module answers one question and builds the section of the page about it. The text and the
 claims of a section are in the TOML file with the section's name.

@@ -1,4 +1,4 @@
-"""Table 3 and other effects of the bench: lever arms, the earth's rate and acceleration errors."""
+"""Recompute Table 3 and other effects of the bench: lever arms, earth's rate, acceleration."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""The effect of ignored misalignments over the full range of Fig. 4.
+"""Compute the effect of ignored misalignments over the full range of Fig. 4.
 
 The norm changes if axes lean towards one another, but not if the triad rotates. The source's six
 equal angles are a pure rotation, the only choice without an effect.

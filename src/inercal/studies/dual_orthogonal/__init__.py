@@ -1,4 +1,4 @@
-"""The study of CN101852817A: two orthogonal accelerometers on a dividing head, with g².
+"""Run the study of CN101852817A: two orthogonal accelerometers on a dividing head, with g².
 
 The patent prints claims and no data, so the study simulates a bench. Each module answers one
 question and builds the section of the page about it. The text and the claims of a section are in

@@ -1,4 +1,4 @@
-"""Effects of the mounting angle, of K2 and of a tilting base at the four cardinal points."""
+"""Compute the effects of mounting angle, K2 and a tilting base at the four cardinal points."""
 
 from dataclasses import replace
 

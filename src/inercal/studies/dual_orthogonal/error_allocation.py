@@ -1,7 +1,7 @@
 """The error allocation shows what each item contributes to K0, and whether 0.3 µg is reached.
 
-One item at a time has its error, while the estimator assumes all of them. Then all items have their
-errors together.
+First, a single item has its error, although the estimator assumes that all of them do. Then all
+items have their errors together.
 """
 
 from collections.abc import Mapping, Sequence

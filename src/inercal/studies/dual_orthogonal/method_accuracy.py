@@ -1,4 +1,4 @@
-"""The accuracy of each method for each coefficient, and the effect of the head's error."""
+"""Find the accuracy of each method for each coefficient, and the effect of the head's error."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

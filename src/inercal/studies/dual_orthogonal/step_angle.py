@@ -1,4 +1,4 @@
-"""The effect of the step between positions on the rank of g² and on the estimators."""
+"""Find the effect of the step between positions on the rank of g² and on the estimators."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The study of Xiao, Liu and Liu 2014: a ship model's accelerometer on a home-made rate table.
+"""Run the study of Xiao, Liu and Liu 2014: a ship model's accelerometer on a home-made rate table.
 
 The paper prints conclusions and no data, and its formulas are illegible in our copy, so the study
 simulates a table. Each module answers one question and builds the section of the page about it. The

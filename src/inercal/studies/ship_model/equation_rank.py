@@ -1,4 +1,4 @@
-"""The rank of the multi-angle equations, their null directions and their damped solution."""
+"""Find the rank of the multi-angle equations, their null directions and their damped solution."""
 
 from math import radians
 from typing import NamedTuple

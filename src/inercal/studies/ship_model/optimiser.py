@@ -121,7 +121,8 @@ def section(searched: Sequence[OptimiserComparison]) -> StudySection:
     goals = ", ".join(str(one.searches["default"].goal or "none") for one in searched)
     findings = [
         TEXT.judge("met", 100 * worst, 0.0,
-            f"for {len(searched)} devices after polishing; before that, met at generations "
+            f"this is the largest of {len(searched)} devices after polishing; before it, they met "
+            f"the goal at generations "
             f"{goals}"),
         *(TEXT.judge(f"far_{name}", largest[name], 0.0,
                 f"rms {format_significant(off[name].value)} g (median), up to "

@@ -1,4 +1,4 @@
-"""Deviations of the planar calibration, and the causes of its errors in tilted poses."""
+"""Find the deviations of the planar calibration, and the causes of its errors in tilted poses."""
 
 import numpy as np
 
@@ -56,14 +56,14 @@ def section(found: EstimatorComparison) -> StudySection:
     )
     findings = (
         TEXT.judge("itself", *ratios[0],
-            f"{said_mg['in']} mg at the states it was fitted to, {said_mg['out']} mg elsewhere: "
-            "the least squares also fit the errors of the three mountings"),
+            f"the error is {said_mg['in']} mg at the states it was fitted to and {said_mg['out']} "
+            f"mg elsewhere, because least squares also fits the errors of the three mountings"),
         TEXT.judge("grows", *ratios[1],
-            f"{said_mg['there']} mg at the groups, "
-            f"{format_significant(here.value / simulated.MILLI)} mg at its own"),
+            f"the error is {said_mg['there']} mg at the groups and "
+            f"{format_significant(here.value / simulated.MILLI)} mg at its own states"),
         TEXT.judge("coupling", *ratios[2],
-            "M has all nine elements, including coupling; with exact mountings, "
-            f"{said_mg['left']} mg would remain, from noise"),
+            "M has all nine elements, so it includes coupling; with exact mountings, only "
+            f"{said_mg['left']} mg would remain, which come from noise"),
     )  # fmt: skip
     return TEXT.section(
         findings,

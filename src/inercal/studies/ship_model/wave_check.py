@@ -211,9 +211,8 @@ def section(found: EstimatorComparison, results: Sequence[ResidualError]) -> Stu
     value, u = 100 * worst["damped"].value, 100 * worst["damped"].u
     findings = (
         TEXT.judge("of_force", value, u,
-            f"{mg['damped']} mg; with planar {mg['planar']} mg, with joint {mg['joint']} mg, "
-            "without "
-            f"calibration {mg[UNCALIBRATED]} mg"),
+            f"the error is {mg['damped']} mg; it is {mg['planar']} mg with planar, {mg['joint']} "
+            f"mg with joint, and {mg[UNCALIBRATED]} mg without calibration"),
         TEXT.judge("of_heave", value / heave, u / heave,
             f"heave is {format_significant(heave / MILLI)} mg rms; planar leaves {parts['planar']} "
             f"%, joint {parts['joint']} %; after zeroing at rest they leave {rests['damped']} %, "

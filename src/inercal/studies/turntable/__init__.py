@@ -1,4 +1,4 @@
-"""The study of Liu, Cui, Zhang and Xu: an IMU on a turntable with two Kalman filters.
+"""Run the study of Liu, Cui, Zhang and Xu: an IMU on a turntable with two Kalman filters.
 
 The paper prints bounds on the errors of one device but neither its noise nor the table's errors,
 and its formulas are illegible in our copy, so the study simulates a table. Each module answers one
