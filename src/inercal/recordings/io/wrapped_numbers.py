@@ -1,13 +1,9 @@
-<<<<<<< HEAD:src/inercal/recordings/io/wrapped_numbers.py
 """Stamps that wrap around to 0, and signed counts that were written as unsigned numbers.
 
 A counter of b bits wraps around after M = 2^b of its units: a packet counter after 256 or 65536
 packets, and a 32-bit counter of µs after 71.6 minutes. Its readings s then fall by nearly M:
 
     t_k = s_k + M · (number of falls up to sample k)
-=======
-"""Recover signed counts that a program wrote as unsigned numbers.
->>>>>>> w-words:src/inercal/recordings/io/unsigned_counts.py
 
 A sensor's counts of b bits run from −2^(b−1) to 2^(b−1) − 1. If they are written as unsigned
 numbers, −1 becomes 2^b − 1. Small readings are then either near 0 or near the largest number, with
