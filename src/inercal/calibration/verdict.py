@@ -151,7 +151,7 @@ def verdict(
     exact = undetectable_exact_parameters(estimate, sensor, expected)
     reverse = any(one.what == OPPOSITE_SIGN for one in findings)
     steps = [
-        *([] if reverse else _steps_on_cause(assessment, advisor, tuple(far), row_word, row)),
+        *(() if reverse else _steps_on_cause(assessment, advisor, tuple(far), row_word, row)),
         *_steps_on_undetectable(unseen, sensor, advisor, possible),
         *(
             _Step(
