@@ -93,6 +93,7 @@ evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, 
 	$(BIN)/python -m tests.evidence.axes
 	$(BIN)/python -m tests.evidence.magnetometer
 	$(BIN)/python -m tests.evidence.prior
+	$(BIN)/python -m tests.evidence.peers
 	$(BIN)/python -m pytest -m evidence $(SIDE_BY_SIDE) tests
 
 numbers: $(INSTALLED)  ## renew the record of all numbers of examples and studies, and print what changed most

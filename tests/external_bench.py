@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS
 from inercal.methods import METHODS
 
 FOLDER = Path(__file__).parents[1] / "examples" / "own_bench"

@@ -39,7 +39,7 @@ def run_program(parent: Path, *arguments: str | Path) -> subprocess.CompletedPro
     )
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_after_compile_no_method_compiles(tmp_path: Path):
     own = tmp_path / "installed"
     source = Path(inercal.__file__).parent

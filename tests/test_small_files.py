@@ -96,3 +96,9 @@ def test_a_file_of_the_largest_size_is_read_whole(tmp_path: Path):
 def test_a_name_that_no_file_can_have_is_refused():
     with refused():
         read("a\0b")
+
+
+def test_a_binary_file_is_called_binary():
+    with refused(line=None) as caught:
+        parse_toml(b"\x89PNG\r\n\x1a\n\0\0\0", "run file")
+    assert "binary" in str(caught.value)

@@ -5,7 +5,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import inercal
-from inercal.calibration.comparison.comparison_text import format_en
+from inercal.calibration.comparison.run_to_run import format_en
 from inercal.laboratory.store import Register
 from inercal.laboratory.store.history_text import drift_text, format_point, history_lines
 from inercal.physics.sensors import G0

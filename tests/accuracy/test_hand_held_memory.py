@@ -18,7 +18,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[NDArray[np.floa
     return [write_raw_file(folder / f"{n}.npy", n, RATE, EVERY) for n in SIZES]
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize(
     "suffix",
     [s if s == ".npz" else pytest.param(s, marks=pytest.mark.evidence) for s in SAVE],

@@ -180,7 +180,7 @@ def xsens_without_drift(folder: Path) -> Outcome:
     return calibrate(run_file)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_xsens_moves_without_a_pose_as_its_uncertainties_say(xsens_without_drift: Outcome):
     """The jackknife over poses, against what the stated covariance lets one expect of it.
 

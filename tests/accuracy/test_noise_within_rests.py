@@ -63,7 +63,7 @@ def beyond(case: str, size: float, sessions: int = SESSIONS) -> tuple[float, flo
     ("case", "size", "most"),
     [
         evidence("memory", 0.05, 0.07),
-        ("memory", 1.0, 0.07),
+        evidence("memory", 1.0, 0.07),
         evidence("drift", 0.2e-3 * G0, 0.07),
         ("drift", 2e-3 * G0, 0.07),
     ],

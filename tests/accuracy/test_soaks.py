@@ -149,7 +149,7 @@ def test_errors_over_triads_are_as_stated(seed: int):
     assert sum(one == temperature_soaks.TRUE_ORDERS for one in chosen) >= 0.75 * len(chosen)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_orders_too_low_leave_chi_square_per_degree_above_a_hundred():
     for orders in ((1, 0, 0), (2, 1, 0), (3, 1, 1)):
         estimate = temperature_soaks.fits(7, 20, orders).estimate

@@ -220,7 +220,7 @@ def test_an_imu_in_a_hand_finds_biases_and_scales_against_temperature():
     assert_each_within(*in_hand(4, 2, soaked=False))
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize("method", [evidence("turntable_kalman"), "turntable_trajectory"])
 def test_an_imu_on_a_turntable_finds_biases_and_scales_against_temperature(method: str):
     assert_each_within(*on_table(4, 1, method, soaked=True, hz=50.0))

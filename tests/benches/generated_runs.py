@@ -9,8 +9,7 @@ import numpy as np
 
 from inercal.basics.units import parse_quantity
 from inercal.benches import MeanBench
-from inercal.benches.kind_definition import Kind
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS, Kind
 from inercal.methods import METHODS
 from inercal.pipeline import Outcome, calibrate, simulate_files
 from inercal.recordings.data import DataSection

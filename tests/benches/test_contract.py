@@ -14,8 +14,7 @@ from inercal.basics.keys import ErrorName
 from inercal.basics.units import Measured, parse_quantity
 from inercal.benches import MeanBench
 from inercal.benches.key_declarations import declarations, declared_parameters
-from inercal.benches.kind_definition import Kind
-from inercal.benches.kinds import KINDS, kind_for_bench
+from inercal.benches.kind_definition import KINDS, Kind, kind_for_bench
 from inercal.methods import METHODS, Method
 from inercal.physics.sensors import Sensor, imu, triad
 

@@ -19,6 +19,7 @@ from inercal.benches.rate_platform.sections import KnownTurn, RateDwell, step_of
 from inercal.physics.sensors import triad
 from inercal.pipeline import apply_data_columns, calibrate, simulate
 from inercal.recordings import Recording
+from inercal.recordings.data.recording_loader import load_recording
 from inercal.recordings.io.write import write_recording
 from inercal.runfile import Run, read
 
@@ -199,6 +200,27 @@ def run_of(folder: Path, data: str, file: str = "log.csv") -> Run:
 
 def listed(labels: Sequence[str]) -> str:
     return f"sections = {list(labels)!r}".replace("'", '"')
+
+
+@pytest.mark.parametrize(("rate", "fits"), [("1000 Hz", False), (f"{1.1 * HZ:g} Hz", True)])
+def test_a_stated_rate_must_agree_with_the_times(tmp_path: Path, rate: str, fits: bool):
+    written(tmp_path / "log.csv", np.zeros((600, 3)) + np.arange(600)[:, None] % 7)
+    run = run_of(tmp_path, f'rate = "{rate}"\n{listed(["z 0 °/s"])}')
+    if fits:
+        assert load_recording(run).rate_hz == pytest.approx(HZ)
+    else:
+        with refused(file=run.path, key="[data] rate"):
+            load_recording(run)
+
+
+def test_rows_without_a_turn_do_not_need_errors_of_rates(tmp_path: Path):
+    (tmp_path / "log.csv").write_text("up,table,gx,gy,gz\nz,0,0.1,0.2,0.3\n")
+    run = run_of(tmp_path, 'kind = "means"\naxis = "up"\ntable_rate = "table"', "log.csv")
+    text = run.path.read_text(encoding="utf-8").replace('time = "time"\n', "")
+    run.path.write_text(f'{text}[data.sd]\ngyro = "2 °/h"\n', encoding="utf-8")
+    with refused(file=run.path, key="[bench] rate_scale") as refusal:
+        KIND.observe(read(run.path))
+    assert "no row turns" in str(refusal.value)
 
 
 def test_a_run_finds_its_sections_and_the_biases(tmp_path: Path):

@@ -4,7 +4,7 @@ import ast
 from pathlib import Path
 
 import inercal
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS
 
 SOURCE = Path(inercal.__file__).parent
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.files import load, save
+from inercal.calibration.shared_errors import BenchEstimate
 from inercal.pipeline import calibrate
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "centrifuge"

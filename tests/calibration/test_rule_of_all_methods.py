@@ -28,7 +28,7 @@ from tests.calibration.short_lines import require_short
 from tests.external_bench import register_example_bench
 
 from inercal.calibration.files import load, save
-from inercal.estimation.noise_scale import WhitenedRows, noise_scale
+from inercal.estimation.residual_scatter import WhitenedRows, noise_scale
 from inercal.methods import METHODS
 from inercal.pipeline import Outcome, calibrate
 from inercal.pipeline.design.worksheet import build_worksheet, worksheet_csv

@@ -132,6 +132,27 @@ def test_a_cause_is_in_words_with_its_size_what_it_explains_and_what_to_paste():
     assert (first, second) == (pytest.approx(before, rel=0.01), pytest.approx(after, rel=0.01))
 
 
+def test_rows_that_cannot_be_told_apart_are_named_together():
+    rows = {"r1": "row", "r2": "row"}
+    said = verdict(fitted(3e-4, rows, SENSOR), SENSOR, ())
+    assert "Most likely cause: wrong readings in r2 or r1." in said.lines
+    assert any(one.startswith("Next: ") and "r2 or r1" in one for one in said.lines)
+    many = {f"r{k}": "row" for k in range(9)}
+    said = verdict(fitted(3e-4, many, SENSOR), SENSOR, ())
+    assert any("or one of 8 other rows" in one for one in said.lines)
+
+
+@pytest.mark.parametrize(("size", "named"), [(1.0, True), (0.0, False)])
+def test_a_scale_factor_far_from_nominal_names_the_row_that_causes_it(size: float, named: bool):
+    found = fitted(size, {"r1": "row"}, SENSOR)
+    value = found.value.copy()
+    value[found.names.index("ax.k1")] = 4.8
+    said = verdict(replace(found, value=value), SENSOR, ())
+    (cause,) = [one for one in said.lines if one.startswith("Most likely cause: ")]
+    (step,) = [one for one in said.lines if one.startswith("Next: ")]
+    assert ("r1" in cause, "r1" in step) == (named, named)
+
+
 def test_every_effect_that_is_not_detectable_is_counted_once_and_listed():
     unseen = [Finding("note", "unseen", f"effect {k}: 3 µg; repeat it", "ax") for k in range(3)]
     said = verdict(fitted(0.0, {"ax.k2": "coefficient"}, SENSOR), SENSOR, unseen)

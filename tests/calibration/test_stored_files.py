@@ -13,7 +13,7 @@ import inercal
 from inercal.benches.qualification.qualification_file import load as load_qualification
 from inercal.calibration.check_standard import load_check_standard
 from inercal.calibration.files import load
-from inercal.calibration.next_use import load_next_use
+from inercal.calibration.specification import load_next_use
 from inercal.pipeline.bundles import reproduce_bundle
 
 STORED = Path(__file__).with_name("stored")

@@ -5,9 +5,11 @@ from math import sqrt
 import numpy as np
 import pytest
 
+from inercal.benches.report_data import measured_direction
 from inercal.calibration.explanation import UNCERTAINTIES
 from inercal.calibration.verdict import verdict
 from inercal.estimation import Estimate
+from inercal.physics.plan import Hold
 from inercal.physics.sensors import G0, Sensor, imu, triad
 from inercal.recordings import Finding
 
@@ -90,6 +92,17 @@ def test_a_reversed_axis_or_a_wrong_scale_is_named(k1: float, times: str):
         f"Not to be relied on: the scale factor of the y accelerometer is {times} times nominal."
     )
     assert ("reversed" in said.lines[1]) == (k1 < -1)
+
+
+def test_an_axis_whose_scale_factor_is_zero_does_not_react():
+    said = verdict(estimate(SENSOR, 10.0, 12, ay_k1=-1.0 + 1e-6), SENSOR, ())
+    assert said.grade == "unreliable"
+    assert "the y accelerometer does not react to gravity" in said.reasons
+
+
+def test_a_sensor_that_always_reads_the_same_has_no_direction():
+    found = measured_direction(Hold("x_p", (1, 0, 0), 1.0), np.zeros(3), np.array([1.0, 0.0, 0.0]))
+    assert np.isnan(found.deviation_angle)
 
 
 def test_a_reversed_gyro_is_named():

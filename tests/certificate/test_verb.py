@@ -39,6 +39,13 @@ def test_a_refused_certificate_uses_no_number(laboratory: Laboratory):
     assert laboratory.issue().name == "IL-2026-0002.pdf"
 
 
+def test_dates_that_contradict_each_other_are_named(laboratory: Laboratory):
+    ended = laboratory.run(date="2026-11-01")
+    assert ended.status == 2
+    assert "issued 2026-11-01" in ended.error
+    assert "None" not in ended.error
+
+
 def test_certificates_issued_at_once_have_numbers_of_their_own(
     laboratory: Laboratory, tmp_path: Path
 ):

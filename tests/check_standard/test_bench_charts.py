@@ -12,7 +12,7 @@ from tests.refusals import refused
 from tests.store.calibration_generator import IMU, Truth, content, hashed, write
 
 from inercal.basics.errors import InputError
-from inercal.calibration.bench_estimates import BenchEstimate
+from inercal.calibration.shared_errors import BenchEstimate
 from inercal.laboratory.check_standard.bench_charts import ChartedRun, bench_charts
 from inercal.laboratory.store import Register
 

@@ -12,7 +12,7 @@ from inercal.physics.frames import exp_so3
 from inercal.pipeline.drafts import UnknownAccelerometers, draft_run_file
 from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
 from inercal.pipeline.drafts.stated_keys import stated_values
-from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.column_table import Column, Table
 
 G = 8192.0  # LSB/g
 PER_DEGREE = 32.8  # LSB/(°/s)
@@ -244,3 +244,38 @@ def test_the_stated_method_is_the_only_one_tried(log: Path):
     draft = draft_run_file([log], log.with_name("run.toml"), stated)
     assert [trial.name for trial in draft.trials] == ["six_position"]
     assert [one.value for one in draft.entries if one.name == "[method] name"] == ["six_position"]
+
+
+def dated_table(step_s: float, rows: int, **texts: list[str]) -> Table:
+    """Return a table of readings with a column of ISO dates, named Datum, and columns of text."""
+    start = np.datetime64("2026-11-23T03:10:09.120")
+    dates = start + (1000 * step_s * np.arange(rows)).astype("timedelta64[ms]")
+    columns: dict[str, Column] = {"Datum": np.datetime_as_string(dates)}
+    columns |= {name: np.array(values) for name, values in texts.items()}
+    columns |= {axis: np.random.default_rng(k).normal(size=rows) for k, axis in enumerate("xyz")}
+    return Table(tuple(columns), columns, "log.csv", "", 1, True)
+
+
+POSES = [f"{axis}_{sign}" for axis in "zxy" for sign in "pa"]
+
+
+def test_a_column_of_positions_is_the_label_before_dates_and_other_texts():
+    table = dated_table(60.0, 6, Person=list("abcdef"), Lage=POSES)
+    roles = recognise_columns(table)
+    assert roles.means
+    assert roles.single == {"label": "Lage"}
+
+
+def test_dates_of_means_are_ignored_under_any_name():
+    table = dated_table(60.0, 6)
+    columns = {name.replace("Datum", "date"): one for name, one in table.columns.items()}
+    for one in (table, Table(tuple(columns), columns, "log.csv", "", 1, True)):
+        roles = recognise_columns(one)
+        assert roles.means
+        assert roles.triads["accelerometer"] == ("x", "y", "z")
+        assert not roles.single
+
+
+def test_iso_dates_in_equal_steps_are_the_time_under_any_name():
+    assert recognise_columns(dated_table(0.02, 600)).single["time"] == "Datum"
+    assert "time" not in recognise_columns(dated_table(2.0, 600)).single

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from inercal.basics.arrays import Array, Indices
-from inercal.estimation.kernel_options import njit
-from inercal.estimation.kernel_records import record
+from inercal.estimation.kernel_options import njit, record
 
 
 @record

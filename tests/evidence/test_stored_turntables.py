@@ -39,7 +39,7 @@ def test_a_simulated_turntable_errs_as_stated(stored_rows: list[TurntableErrorRo
     assert row.consistent >= 0.95 * row.devices
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_a_sample_of_the_simulation_comes_out_as_stated():
     row = turntable_errors.simulated_nees(6)
     assert abs(row.whole - 1) <= row.band

@@ -18,7 +18,7 @@ from tests.examples.test_docs import DOCS, PAGES, ROOT
 from tests.program import run_program
 from typer.exceptions import TyperException
 
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS
 from inercal.cli.app import app
 from inercal.runfile import from_sections, schema
 from inercal.runfile.schema import RunSchema, reader_options

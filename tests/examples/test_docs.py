@@ -18,8 +18,7 @@ import inercal
 from inercal.basics.errors import InputError
 from inercal.basics.units import Measured, format_value_and_uncertainty, parse_quantity
 from inercal.benches import Hand
-from inercal.benches.kind_definition import Kind
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS, Kind
 from inercal.calibration.comparison import compare
 from inercal.cli import calibration_view, store_view
 from inercal.laboratory.store import FileEntry, Register, RunEntry

@@ -273,7 +273,11 @@ def test_the_verb_writes_beside_what_it_says(tmp_path: Path):
     assert "CAL_ACC0_ID\t2\t6" in out.read_text(encoding="utf-8")
     assert run_program(*arguments, *ids).status == 2
     assert run_program(*arguments, *ids, "--force", "--over-force", "-2 2 g").status == 0
-    for wrong in (["--over-force", "2 g"], ["--over-rate", "-1 1 V"], ["--set", "acc_id"]):
+    reversed_range = ["--over-force", "4 -4 g"]
+    for wrong in (["--over-force", "2 g"], ["--over-rate", "-1 1 V"], reversed_range):
         assert run_program(*arguments, *ids, "--force", *wrong).status == 2
+    assert run_program(*arguments, *ids, "--force", "--set", "acc_id").status == 2
+    renamed = run_program(*arguments, *ids, "--force", "--name", "my imu;")
+    assert "my_imu" in renamed.output
     assert run_program(*arguments, *ids, "--force", "--lossless").status == 2
     assert run_program("export", path, "--to", "csv", "--out", path, "--force").status == 2

@@ -12,7 +12,7 @@ from tests.refusals import refused
 import inercal
 from inercal.calibration import Calibration
 from inercal.calibration.comparison import compare
-from inercal.calibration.comparison.comparison_text import comparison_lines
+from inercal.calibration.comparison.run_to_run import comparison_lines
 from inercal.calibration.display import coefficient_lines
 from inercal.export import export_calibration
 

@@ -68,6 +68,8 @@ def test_a_parquet_table_is_that_of_csv(tmp_path: Path):
         ("id,recording\na,1\na,2\n", "a"),
         ("id,recording,lot,lot\na,1,x,y\n", "lot"),
         ("id,recording\n,1\n", "id"),
+        ("id,recording\n../A,1\n", "../A"),
+        ("id,recording\n..,1\n", ".."),
         ("id,recording\na,\n", "recording"),
     ],
 )

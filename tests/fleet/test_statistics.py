@@ -199,7 +199,7 @@ def test_a_template_that_changed_since_leaves_the_results_readable(tmp_path: Pat
     assert sum(one.limits is not None for one in found.coefficients) == 3
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_100_000_sensors_take_seconds_and_a_small_page(tmp_path: Path):
     from time import process_time
 

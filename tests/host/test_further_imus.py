@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.base_seeds import evidence
 from tests.host.in_process_bench import ADDRESSES
 from tests.host.several_imus import FURTHER, SeveralImus, drive_all, recorded
 from tests.host.simulated_runs import SHORT, plan
@@ -82,8 +81,8 @@ def require_same_table(folder: Path, name: str, recording: str = "recording.h5")
 
 
 @pytest.mark.usefixtures("no_report")
-@pytest.mark.slow
-@pytest.mark.parametrize("killed", [True, evidence(False)])
+@pytest.mark.evidence
+@pytest.mark.parametrize("killed", [True, False])
 def test_each_imu_of_a_run_finds_its_own_truth_even_after_a_kill(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, killed: bool
 ):

@@ -44,7 +44,7 @@ print("done" if ended.done else ended.words)
 """
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize("method", [evidence("turntable_kalman"), "turntable_discrete"])
 def test_a_run_compiles_nothing_more(tmp_path: Path, method: str):
     made = subprocess.run(

@@ -235,7 +235,7 @@ def command(run: Run, bench: BenchSimulator, folder: Path) -> list[str]:
     return [*INERCAL, "bench", "run", str(run.path), *where, "--out", str(folder), "--json"]
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_the_command_asks_hears_and_goes_on_after_a_kill(tmp_path: Path):
     run, folder = ship(tmp_path / "plan"), tmp_path / "run"
     answers = tmp_path / "answers.txt"

@@ -128,7 +128,7 @@ def largest_accepted(shown: DemonstrationResult, clean: Track) -> float:
 @pytest.mark.parametrize(
     "seeds",
     [
-        pytest.param(range(1), marks=pytest.mark.slow),
+        pytest.param(range(1), marks=pytest.mark.evidence),
         pytest.param(range(10), marks=pytest.mark.evidence),
     ],
 )

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from inercal.recordings.io.logged_corrections import euler_matrix
+from inercal.recordings.io.message_columns import euler_matrix
 
 POSITIONS = ("x_p", "x_a", "y_p", "y_a", "z_p", "z_a")
 REST, MOVE = 25, 5  # samples

@@ -89,6 +89,16 @@ def changed(line: int, text: str) -> str:
 COMMAS = TABLE.replace(".", ",")
 MISLEADING: dict[str, tuple[bytes, dict[str, Any], str]] = {
     "decimal commas": (COMMAS.encode(), {"line": 2}, "decimal commas"),
+    "decimal commas and dates": (
+        ("t,x,y\n" + "2026-11-23 03:10:09,0,17,-0,20\n" * N).encode(),
+        {"line": 2},
+        "decimal commas",
+    ),
+    "dates of another form": (
+        "\n".join(["t,x,y", *(f"23.11.2026 03:10:{k % 60:02}.5,1,2" for k in range(N))]).encode(),
+        {"names": ("t",)},
+        "ISO 8601",
+    ),
     "quoted decimal commas": (
         "\n".join(["t,x,y", *(f'{k / 100},"{k},5",{k}' for k in range(N))]).encode(),
         {"names": ("x",)},

@@ -46,3 +46,12 @@ def test_a_file_is_called_what_it_is(tmp_path: Path, what: str, suffix: str):
         read_table(path)
     assert what in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".xlsx", ".h5", ".bag"])
+def test_text_under_another_ending_is_called_text(tmp_path: Path, suffix: str):
+    path = tmp_path / f"log{suffix}"
+    path.write_bytes(TABLE)
+    with refused(file=path.name) as caught:
+        read_table(path)
+    assert "text" in str(caught.value)

@@ -14,13 +14,13 @@ from inercal.methods import METHODS, centrifuge_norm
 from inercal.methods.centrifuge_norm.rotation_gauge import require_gauge
 from inercal.methods.dual_orthogonal.g_squared import require_fixture_sensor
 from inercal.methods.dual_orthogonal.patent_estimator import averaging_matrix
-from inercal.methods.estimator_inputs import (
+from inercal.methods.observability import require_bias_scale_separation
+from inercal.methods.ship_planar import require_excitation
+from inercal.methods.solving import (
     refuse_priors,
     refuse_temperature_terms,
     require_matching_rows,
 )
-from inercal.methods.observability import require_bias_scale_separation
-from inercal.methods.ship_planar import require_excitation
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
 from inercal.methods.tumble_harmonics import not_observed_error, require_even_spacing
 from inercal.physics.plan import Index, six_positions

@@ -73,6 +73,17 @@ def test_a_drift_that_is_not_declared_is_named(estimator: Callable[..., Estimate
     assert found["drift"] + found["drift of a"] + found["drift of b"] >= 7
 
 
+@pytest.mark.parametrize("factor", [1.0, -1.0, 1 / 206.3])
+def test_a_wrong_sign_or_unit_of_the_autocollimator_is_named(factor: float):
+    """The faces deviate, and the autocollimator shows by how much."""
+    faces = tuple((7 * np.sin(np.arange(12) ** 2)).tolist())
+    given = made(Bench(collimated="every", polygon=faces), 4, polygon=(0.0,) * 12)
+    read = factor * ARCSEC * np.array(faces + faces[::-1])
+    steps = [replace(s, reading=r) for s, r in zip(given.steps, read.tolist(), strict=True)]
+    expected = "" if factor == 1 else "autocollimator scale"
+    assert said(given._replace(steps=steps))[expected] == 4
+
+
 def test_a_creep_that_is_not_declared_is_named():
     assert said(made(Bench(creep=3.0), 8, creep=0.0))["creep"] >= 7
 

@@ -27,7 +27,13 @@ from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.estimation import Gaussian
 from inercal.estimation.residual_scatter import ScatterModel
-from inercal.methods.multi_position import METHOD, gyro_delay, joint, sequential
+from inercal.methods.multi_position import (
+    METHOD,
+    g_sensitivity_findings,
+    gyro_delay,
+    joint,
+    sequential,
+)
 from inercal.methods.multi_position._kernels import integrate_transitions
 from inercal.methods.multi_position.rest_observations import Rests, Scatter
 from inercal.methods.multi_position.rotations import (
@@ -404,6 +410,23 @@ def test_the_gyros_delay_is_found_and_none_where_there_is_none(
     found = gyro_delay(seen, sensor, joint(seen, sensor, BENCH, ()), SESSION.gravity)
     assert found.value == pytest.approx(late, abs=4 * found.sd)
     assert found.sd < known
+
+
+@pytest.mark.parametrize("also", [(), ("g",)])
+@pytest.mark.parametrize(
+    ("sign", "g", "found"), [(1, 0, ""), (-1, 0, "opposite sign"), (1, 0.01, "g")]
+)
+def test_reversed_accelerometers_are_told_from_gyros_that_are_sensitive_to_g(
+    also: tuple[str, ...], sign: int, g: float, found: str
+):
+    rng = np.random.default_rng(94)
+    device = mems(rng, white_g=3e-4 * DEGREE, G=g * DEGREE / 9.81 * rng.standard_normal((3, 3)))
+    made = record(device, SESSION, rng)
+    made.data[..., :3] *= sign
+    sensor = whole(*also)
+    seen = observed(made, sensor)
+    findings = g_sensitivity_findings(Rests(seen, sensor, BENCH), joint(seen, sensor, BENCH, ()))
+    assert [one.what for one in findings] == ([found] if found and found != "".join(also) else [])
 
 
 def test_bent_accelerometers_are_found_on_wish():

@@ -109,7 +109,7 @@ def test_time_ends_it():
     estimate = global_(
         given.seen, SENSOR, given.bench, given.steps, options=SearchOptions(seconds=0.0)
     )
-    assert "the time limit ended it" in estimate.notes[0]
+    assert "it stopped at the time limit" in estimate.notes[0]
 
 
 def test_the_search_stays_within_its_bounds():

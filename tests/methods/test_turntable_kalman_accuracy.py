@@ -292,7 +292,7 @@ def test_what_is_exact_in_the_bench_is_not_estimated():
     assert len(AccelerometerFilter.from_track(sensor(), exact, one).states) == 6 + 12 + 3
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize(("seed", "devices"), sampled(20, SMOOTHED))
 @pytest.mark.parametrize(
     ("kind", "flicker"),

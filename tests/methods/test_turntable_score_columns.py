@@ -320,7 +320,7 @@ def test_violations_are_seen_in_every_device_and_named(run: Run):
         assert group >= 0.8 * DEVICES
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize("path", [evidence(SHORT), FAST])
 def test_few_devices_that_are_as_stated_are_called_otherwise(path: list[Step]):
     found = list[bool]()

@@ -10,8 +10,7 @@ from tests.noise.generator import DEG_H, MEMS, draw
 
 import inercal
 from inercal.basics.errors import InputError
-from inercal.noise.gap_oadev import gap_oadev
-from inercal.noise.pieces import Part
+from inercal.noise.pieces import Part, gap_oadev
 from inercal.recordings import Recording
 
 STEP = 40.0  # °/h

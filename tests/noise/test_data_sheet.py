@@ -16,8 +16,7 @@ from tests.program import run_program
 from inercal.basics.errors import InputError
 from inercal.laboratory.store import Register
 from inercal.noise import analyse_noise
-from inercal.noise.data_sheet import noise_bandwidth
-from inercal.noise.data_sheet_comparison import compare_with_sheet
+from inercal.noise.data_sheet import compare_with_sheet, noise_bandwidth
 from inercal.noise.deviations import deviations
 from inercal.recordings import Recording
 from inercal.runfile.noise_data_sheet import read_noise_data_sheet

@@ -8,8 +8,7 @@ from tests.noise.generator import MEMS, draw
 from inercal.basics.arrays import Array
 from inercal.noise.confidence import degrees_of_freedom
 from inercal.noise.deviations import FULL_OVERLAP, deviations
-from inercal.noise.gap_oadev import gap_oadev
-from inercal.noise.pieces import Part
+from inercal.noise.pieces import Part, gap_oadev
 
 N = 1 << 14
 

@@ -56,8 +56,10 @@ def test_a_budget_of_copies_is_the_budget(name: str):
     experiment = experiment_from_run(read(EXAMPLES / f"{name}.toml"))
     copies = PicklingExecutor()
     here, there = budget(experiment, 3), budget(experiment, 3, executor=copies)
-    assert copies.count == len(experiment.imperfections) + 1
+    assert copies.count == len(experiment.imperfections) + 4
     assert_array_equal(here.total.monte_carlo, there.total.monte_carlo)
+    assert_array_equal(here.total.first_order, there.total.first_order)
+    assert_array_equal(here.stated, there.stated)
     for one, deviations in here.contributions.items():
         assert_array_equal(deviations.monte_carlo, there.contributions[one].monte_carlo)
 

@@ -15,7 +15,7 @@ import pytest
 from tests.runfile.key_sweep import EXAMPLES, toml
 
 from inercal.basics.errors import InputError
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS
 from inercal.benches.qualification import Qualification, QualifiedParameter
 from inercal.benches.qualification.bench_keys import read_qualifications, with_qualified_keys
 from inercal.benches.qualification.qualification_file import save

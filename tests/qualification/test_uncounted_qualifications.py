@@ -20,7 +20,7 @@ from inercal.benches.qualification.qualification_file import save
 from inercal.methods import METHODS
 from inercal.methods.temperature_ramp import METHOD as RAMP
 from inercal.pipeline import calibrate
-from inercal.pipeline.qualified_errors import uncounted_notes
+from inercal.pipeline.stated_values import uncounted_notes
 from inercal.runfile import read
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

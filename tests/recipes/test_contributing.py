@@ -18,7 +18,7 @@ import typer
 from typer.testing import CliRunner
 
 import inercal.cli
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS
 from inercal.benches.report_data import Panel, Plot, ReportInput, Series
 from inercal.cli.app import app
 from inercal.host import addresses
@@ -26,7 +26,7 @@ from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
 from inercal.host.drivers.table_address import DRIVERS, Driver
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0, TABLES, inverse, triad
-from inercal.physics.sensors.coefficient_tables import Basis, ErrorTerm
+from inercal.physics.sensors.coefficient_tables import TERMS, Basis, ErrorTerm
 from inercal.pipeline import calibrate, simulate_files
 from inercal.recordings.io.write import write_recording
 from inercal.report.calibration_page import calibration_page
@@ -42,6 +42,7 @@ def test_a_coefficient_is_one_line_of_the_table(monkeypatch: pytest.MonkeyPatch)
         "k9", "K₉", "µg/g⁴", size, Basis("fi fi fi fi"), "fourth-order nonlinearity", "nonlinearity"
     )
     monkeypatch.setitem(TABLES, "f", (*TABLES["f"], added))
+    monkeypatch.setitem(TERMS, "f", {one.name: one for one in TABLES["f"]})  # as at import
     sensor = triad().with_coefficients("k0", "k9")
     c = np.array([0.0, 50 * size] * 3)
     f = Motion(np.array([[G0, 0.5 * G0, -2 * G0]]))

@@ -46,7 +46,7 @@ def test_u_of_the_next_use_holds_session_and_scatter(folder: Path):
 
 
 def load_scatter(folder: Path) -> np.ndarray:
-    from inercal.calibration.next_use import load_next_use
+    from inercal.calibration.specification import load_next_use
 
     return load_next_use(folder / "TRIAD-7.repeatability.json").covariance
 

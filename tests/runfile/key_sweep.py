@@ -13,7 +13,7 @@ import numpy as np
 from pydantic.fields import FieldInfo
 
 from inercal.basics.errors import InercalError, InputError
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS
 from inercal.pipeline import Outcome, calibrate
 from inercal.runfile import read
 from inercal.runfile.schema import (

@@ -10,7 +10,7 @@ from tests.refusals import refused
 from tests.runfile.run_file_texts import FERRARIS, changed
 
 from inercal.basics.errors import InputError
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS
 from inercal.benches.rate_table.settings import RateTableData, RateTableSection
 from inercal.cli.app import main
 from inercal.runfile import read, schema

@@ -147,7 +147,6 @@ SAMPLE = (
     "multi_position with magnetometers",
     "centrifuge_norm of means",
     "ship_multi_angle of means",
-    "rates_and_poses of means",
     "turntable_kalman",
 )
 CASES = [

@@ -11,8 +11,10 @@ from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, changed, run_f
 
 from inercal.basics.errors import InputError
 from inercal.benches import Hand
+from inercal.benches.hand.kind import HandSection
 from inercal.physics.earth import normal_gravity
 from inercal.physics.plan import Turn
+from inercal.physics.section_settings import section_gravity
 from inercal.physics.sensors import G0
 from inercal.runfile import read
 
@@ -58,6 +60,12 @@ def test_a_good_file_comes_out_in_si(tmp_path: Path):
     assert [(t.angle, t.seconds) for t in turns] == [(pytest.approx(2 * pi), 4.0)] * 3
     assert {step.seconds for step in run.steps[:6]} == {4.0}
     assert len(run.sensor.coefficients) == 3 * 4 + 3 * 7
+
+
+def test_the_lowest_and_highest_gravity_on_earth_are_possible():
+    for value in (9.7639, 9.8337):  # Huascarán and the Arctic Ocean
+        section = HandSection(gravity=f"{value} m/s² ± 20 µm/s²")
+        assert section_gravity(section).value == value
 
 
 def test_gravity_is_computed_from_latitude_and_height_where_it_is_not_stated(tmp_path: Path):
@@ -108,6 +116,8 @@ def test_chosen_coefficients_replace_those_of_the_method(tmp_path: Path):
         ('tilt = "0.3 °"\nturn_a', 'tilt = "0.3"\nturn_a', "[bench] tilt"),
         ('"9.81 m/s² ± 0.2 mm/s²"', '"5 m/s²"', "[bench] gravity"),
         ('"9.81 m/s² ± 0.2 mm/s²"', '"98.1 m"', "[bench] gravity"),
+        ('"9.81 m/s² ± 0.2 mm/s²"', '"9.75 m/s² ± 20 µm/s²"', "[bench] gravity"),
+        ('"9.81 m/s² ± 0.2 mm/s²"', '"9.9127 m/s² ± 20 µm/s²"', "[bench] gravity"),
         ('latitude = "47 °"', 'kind = "robot"', "[bench] kind"),
         ('"ax.k0" = "32 mg"', '"ax.k9" = "32 mg"', "[sensor.truth] ax.k9"),
         ('"ax.k0" = "32 mg"', '"ax.k0" = "32 °/s"', "[sensor.truth] ax.k0"),

@@ -88,8 +88,9 @@ def test_what_limits_nothing_is_refused(tmp_path: Path, text: str):
         path.write_text(FERRARIS, encoding="utf-8")
         assert read(path).specification is None
         return
-    with pytest.raises(InputError, match="specification"):
+    with pytest.raises(InputError, match="specification") as refusal:
         limits(tmp_path, text)
+    assert "('" not in str(refusal.value)  # no tuple of Python
 
 
 def judged(content: Content, folder: Path) -> Conformity:

@@ -18,7 +18,7 @@ from inercal.basics.errors import InercalError, InputError, NotObserved
 from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.calibration import Calibration
 from inercal.calibration.files import save
-from inercal.methods.likelihood_tests import FORMULA_TEST, READINGS_TEST
+from inercal.methods.order_effects import FORMULA_TEST, READINGS_TEST
 from inercal.physics.plan import Index
 from inercal.physics.sensors import G0, triad
 from inercal.pipeline import Outcome, apply, apply_data_columns, calibrate, simulate

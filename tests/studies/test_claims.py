@@ -19,7 +19,7 @@ from inercal.studies.claim import (
     judge_claim,
     normalized_deviation,
 )
-from inercal.studies.section_texts import read_section_text
+from inercal.studies.study import read_section_text
 
 
 def verdict(printed: float, computed: float, u: float, relation: Relation = "=") -> Verdict:

@@ -22,7 +22,7 @@ def test_every_laboratory_is_a_method_and_gets_the_same_sensor():
         assert f'"ax.k1" = "{truth["ax.k1"]}"' in text
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_each_two_laboratories_agree_within_their_uncertainties():
     study = reproduce("one-sensor", trials=SENSORS * TRIALS_PER_SENSOR, seed=2)
     assert [one.verdict for one in study.findings] == ["reproduced", "reproduced"]

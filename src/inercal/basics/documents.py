@@ -61,6 +61,8 @@ def record_object(value: Any) -> Any:
     """
     if isinstance(value, float):
         return value if isfinite(value) else None
+    if value is None or isinstance(value, str | int):  # most values
+        return value
     if is_dataclass(value):
         return {one.name: record_object(getattr(value, one.name)) for one in fields(value)}
     if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""The exceptions of inercal, whose messages state the problem, the place and the remedy.
+"""Define the exceptions of inercal, whose messages state the problem, the place and the remedy.
 
 Every error that a user can cause is an `InercalError` with a one-line message: what is wrong, where
 (file, line, row, key), and what is possible. The command line prints it and exits with status 2.

@@ -1,4 +1,4 @@
-"""Names in a package that are loaded when they are first used."""
+"""Load names in a package when they are first used."""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Imperfections of a bench, declared as data.
+"""Declare the imperfections of a bench as data.
 
 Each declaration has three uses: a simulation draws from it, an estimator treats it as a nuisance
 parameter with its standard deviation as the prior, and the Type B budget lists it.
@@ -83,7 +83,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class QualifiedParameters:
-    """Results of a bench's qualifications: values of its parameters with their covariance.
+    """The results of qualifying a bench: values of its parameters, with their covariance.
 
     Parameters
     ----------

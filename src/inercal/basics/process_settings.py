@@ -1,4 +1,4 @@
-"""Settings for the program's own processes; importing inercal does not change other programs."""
+"""Set up the processes of the program itself; importing inercal does not change other programs."""
 
 import atexit
 import ctypes

@@ -1,4 +1,4 @@
-"""Registries of named objects from this package and, through entry points, from others.
+"""Register objects by name, from this package and, through entry points, from others.
 
 A package registers an object with an entry point in the group, in its pyproject.toml::
 

@@ -1,4 +1,4 @@
-"""Advice as data: changes to a run file, or actions at the bench."""
+"""Store advice as data: changes to a run file, or actions at the bench."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Bounded reading of small hand-written files: run files, packet descriptions, tables.
+"""Read small hand-written files safely: run files, packet descriptions, tables.
 
 Reading never waits, because FIFOs and devices are rejected. Files larger than `LARGEST` are not
 read. TOML nested deeper than `DEEPEST` is rejected, because code that walks through the levels
@@ -142,6 +142,8 @@ def _decoded(raw: bytes, what: str) -> str:
     """
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise InputError(f"not a TOML {what}: UTF-16 text; save it as UTF-8")
+    if b"\0" in raw:
+        raise InputError(f"not a TOML {what}: it is a binary file; name a text file")
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:

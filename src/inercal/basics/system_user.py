@@ -1,4 +1,4 @@
-"""Name of the user who runs the program."""
+"""Find the name of the user who runs the program."""
 
 import os
 from getpass import getuser

@@ -1,4 +1,4 @@
-"""The arm of a centrifuge or rate table: its directions, and the units of its rate and radius.
+"""Find the directions of an arm of a centrifuge or rate table, and check its units.
 
 The specific force on an arm has the norm √(g² + (r ω²)²). A rate that is stated in another unit
 multiplies ω at all rows by the same factor, and a radius in mm that is stated as m multiplies ω² by
@@ -44,7 +44,7 @@ LENGTHS = {0.001: "mm", 0.01: "cm", 100.0: "cm", 1000.0: "mm"}
 
 
 class ArmUnit(NamedTuple):
-    """Another unit of an arm's rate or radius.
+    """A unit that the rate or the radius of an arm seems to have.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def other_arm_units(run: RunBase[Any], radius: float) -> tuple[ArmUnit, ...]:
 def fitting_arm_unit(
     run: RunBase[Any], radius: float, off: Callable[[float], float]
 ) -> tuple[ArmUnit, float]:
-    """Return the unit whose factor makes the norms agree best, and how far off they then are.
+    """Return the unit whose factor makes the norms agree best, and by how much they then differ.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Characteristics of a sensor by the definitions of the standards, as data and in words.
+"""Determine the characteristics that standards define for a sensor, as data and in words.
 
 A bench gives a table of inputs and readings for each axis. The characteristics are those that the
 table can show: the line needs three different inputs, the asymmetry both senses, the hysteresis an

@@ -1,4 +1,4 @@
-"""The contract of every bench: its imperfections as data, and the mean motion of its steps.
+"""Define what every bench must provide: its imperfections, and the mean motion of its steps.
 
 A bench is a frozen dataclass of the stated values, in SI. Methods, budgets, plans and reports use
 a bench only through these types.

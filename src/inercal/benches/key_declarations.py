@@ -1,4 +1,4 @@
-"""Keys of the section [bench], each declared in one line as the default of a bench's field.
+"""Declare keys of the section [bench], each in one line as the default of a bench's field.
 
 In the frozen dataclass of a bench::
 

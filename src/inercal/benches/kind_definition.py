@@ -1,4 +1,4 @@
-"""A kind of bench: its interface to the rest of the package.
+"""A kind of bench: its interface to the rest of the package, and the kinds by name.
 
 Each kind of bench is one `Kind` object, registered under `inercal.benches`. Its functions return
 data; the report draws them and the terminal prints them.
@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from inercal.basics.errors import InputError
+from inercal.basics.registry import Registry
 from inercal.basics.units import Measured
 from inercal.benches.contract import Bench, SensorSimulation, SimulatedMotion
 from inercal.benches.report_data import (
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from inercal.benches.motion_control import MotionControl
     from inercal.benches.operator_sheet import Sheet
     from inercal.recordings.segments import RestDetection  # the kernels load with the readers
+
 
 B = TypeVar("B", bound=Bench)
 D = TypeVar("D", bound=DataSection)
@@ -257,3 +260,41 @@ class Kind(Generic[B, D]):
     tables: Callable[[RunBase[D], ReportInput], Mapping[str, Columns]] = no_tables
     fitted: Callable[[Sequence[Any]], Sequence[Any]] = all_steps
     motion_control: "MotionControl | None" = None
+
+
+_OWN = ("hand", "centrifuge", "dividing_head", "rate_table", "rate_platform", "turntable")
+KINDS: Registry[Kind[Any, Any]] = Registry(
+    "inercal.benches", "kind of bench", {name: f"inercal.benches.{name}.kind:KIND" for name in _OWN}
+)
+
+
+def kind_for_class(bench: type[Any]) -> Kind[Any, Any]:
+    """Return the kind whose benches are of this class.
+
+    Raises
+    ------
+    InputError
+        The class belongs to no kind of bench.
+    """
+    for kind in KINDS.values():
+        if issubclass(bench, kind.bench):
+            return kind
+    raise InputError(
+        f"class {bench.__name__} belongs to no kind of bench; the kinds are {', '.join(KINDS)}"
+    )
+
+
+def kind_name_for_class(bench: type[Any]) -> str:
+    """Return the name of the kind that has this class, or the class's own name if none has it."""
+    return next((name for name, kind in KINDS.items() if kind.bench is bench), bench.__name__)
+
+
+def kind_for_bench(bench: Bench) -> Kind[Any, Any]:
+    """Return the kind of a bench.
+
+    Raises
+    ------
+    InputError
+        The class of the bench belongs to no kind.
+    """
+    return kind_for_class(type(bench))

@@ -1,4 +1,4 @@
-"""Interface between a host and the bench that it drives: axes, limits, tasks and sensed motion.
+"""Define how a host drives a bench: its axes, limits, tasks and sensed motion.
 
 A host does not depend on any class of bench. A kind that can be driven has a `MotionControl`, and
 its bench is a `ControlledBench`. There are two ways to carry out a plan. A positioning table turns

@@ -1,4 +1,4 @@
-"""The worksheet for a bench's operator, as data: rows to carry out and a table to fill in."""
+"""Describe the worksheet for a bench's operator: rows to carry out, and a table to fill in."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""The part of a report that a kind of bench contributes, as data: directions, plots and tables.
+"""Define what a kind of bench adds to a report, as data: directions, plots and tables.
 
 A bench returns only numbers and words; the report draws and prints them.
 """
@@ -89,7 +89,7 @@ class MeasuredDirection:
 
 def measured_direction(step: Step, vector: Array, nominal: Array | None) -> MeasuredDirection:
     """Return the direction of a vector and its angle from the nominal direction, if known."""
-    unit = vector / np.linalg.norm(vector)
+    unit = vector / (np.linalg.norm(vector) or nan)  # a dead sensor measures no direction
     if nominal is None:
         return MeasuredDirection(step, unit, nan)
     cosine = unit @ nominal / np.linalg.norm(nominal)

@@ -1,4 +1,4 @@
-"""The axes of a sensor as a run file states them, and the sensors that they form."""
+"""Read the axes of a sensor from a run file, and build the sensors that they form."""
 
 import re
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Coefficients that a run added to its model because the score tests found them.
+"""Describe the coefficients that a run added to its model because of its score tests.
 
 The tests rejected a fit, and these coefficients were the most likely cause. The run was then
 calibrated again with them.

@@ -1,4 +1,4 @@
-"""Sentences about how well the data agree with the model, and about causes of large residuals."""
+"""Write sentences on how well the data agree with the model, and on causes of large residuals."""
 
 from collections.abc import Iterator, Mapping
 
@@ -121,8 +121,8 @@ def cause_lines(
         yield from best_cause_lines(assessment.best, sensor, expected)
     elif no_cause(estimate, assessment):
         yield (
-            "No single cause explains the residuals: the noise is larger than stated, or something "
-            "changes from row to row."
+            "No single cause explains the residuals: the noise is larger than stated, or "
+            "something changed from row to row."
         )
     yield from _outlier_row_lines(assessment, row_word)
     if not (estimate.consistent or estimate.groups):

@@ -8,11 +8,11 @@ deviations. If the estimated parameters absorb all but a thousandth of the candi
 candidate may differ from its stated value by at most 6 standard deviations.
 
 A candidate cannot be distinguished from the best candidate if the angle between the residuals that
-the two explain is less than 30°. Several candidates may explain as much: their χ² differs by at
-most 4, and (except for rows) they have no more directions. Among these, the choice follows the
-possible remedies, in this order: a coefficient that the method can estimate, the bench, a change
-during the run, a row, other coefficients. Between two stated quantities, the quantity that differs
-from its stated value by fewer standard deviations is chosen.
+the two explain is less than 30°. Several candidates may explain the residuals equally well: their
+χ² differs by at most 4, and (except for rows) they have no more directions. The one with the most
+useful remedy is then chosen, in this order: a coefficient that the method can estimate, the bench,
+a change during the run, a row, other coefficients. Between two stated quantities, the quantity that
+differs from its stated value by fewer standard deviations is chosen.
 
 An advisor says what to do about such a cause.
 """
@@ -20,7 +20,7 @@ An advisor says what to do about such a cause.
 # pyright: reportMissingTypeStubs=false
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, cast
 
 import numpy as np
@@ -38,6 +38,7 @@ from inercal.estimation.scores import (
 )
 from inercal.estimation.uncertainty.coverage import COVERAGE
 
+_MOST_ROWS = 2  # largest number of other rows that are named
 CHANGE_PREFIX = "change "  # start of the name of a candidate for a change within one row
 
 
@@ -48,7 +49,7 @@ _MIN_P_VALUE = 1e-280  # smaller probabilities are computed from an asymptotic f
 
 @dataclass(frozen=True)
 class SuspectedCause:
-    """The candidate that explains the residuals best; it is not in the model or assumed known.
+    """The candidate, an unmodelled effect or a stated value, that best explains the residuals.
 
     Parameters
     ----------
@@ -67,6 +68,8 @@ class SuspectedCause:
         Run-file keys that make the method estimate the candidate.
     least_sizes : tuple of float
         Smallest sizes of the components that explain as much, SI.
+    other_rows : tuple of str
+        If the cause is a row: the other rows in `indistinguishable`. A file does not state them.
     shift : float
         Largest shift of a coefficient due to the cause, divided by the U of this coefficient.
     shifted_coefficient : str
@@ -93,11 +96,19 @@ class SuspectedCause:
     remaining_p_value: float = 1.0
     changes: tuple[Change, ...] = ()
     least_sizes: tuple[float, ...] = ()
+    other_rows: tuple[str, ...] = field(default=(), compare=False)
+
+    @property
+    def place(self) -> str:
+        """The name, with the rows that cannot be distinguished from it: "x_a or x_p"."""
+        if len(self.other_rows) > _MOST_ROWS:
+            return f"{self.name} or one of {len(self.other_rows)} other rows"
+        return " or ".join((self.name, *self.other_rows))
 
 
 @dataclass(frozen=True)
 class OutlierRow:
-    """The row that agrees worst with the others, and its p-value, adjusted for all rows.
+    """The row that agrees least with the others, and its p-value, adjusted for the number of rows.
 
     `indistinguishable` lists the rows that no test can distinguish from this row.
     """
@@ -163,7 +174,7 @@ def find_best_cause(
     first = min((best, *as_good), key=lambda score: (rank(score), score is not best, -score.chi2))
     related = {one for one in score_tests.scores if set(one.components) & set(first.components)}
     alike = [
-        one.name
+        one
         for one in sorted(score_tests.scores, key=lambda one: -first.cosine(one))
         if one not in related
         and one.dof
@@ -187,10 +198,11 @@ def find_best_cause(
         max(score_tests.dof - first.dof, 0),
         float(shift[most]),
         estimate.names[most],
-        tuple(alike),
+        tuple(one.name for one in alike),
         _remaining_p_value(score_tests, first),
         first.changes,
         () if first.least_size is None else tuple(first.least_size.tolist()),
+        tuple(one.name for one in alike if first.kind == one.kind == "row"),
     )
 
 
@@ -219,7 +231,7 @@ def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
 
 
 def find_outlier_row(estimate: Estimate) -> OutlierRow | None:
-    """Return the row that agrees worst with the others; None if no row was tested."""
+    """Return the row that agrees least with the others, or None if no row was tested."""
     rows = [score for score in estimate.score_tests.scores if score.kind == "row" and score.dof]
     if not rows:
         return None
@@ -238,7 +250,7 @@ def _log_p(score: ScoreTest) -> float:
 
 
 class Advisor(Protocol):
-    """An advisor that tries its advice: it makes sure that a run file with the changes works."""
+    """An advisor that tries its advice before it gives it, so that the changed run file works."""
 
     def on_cause(self, cause: SuspectedCause) -> Advice:
         """Return keys that make the model include a cause, or else an action at the bench."""
@@ -293,13 +305,15 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
         return "use a method that estimates this coefficient; U does not include its effect"
     if cause.name == "latitude":
         return "check the latitude and its sign, and the names and signs of the gyros' columns"
+    if cause.name == "autocollimator scale":
+        return "check the sign and the unit of the autocollimator readings in [data]"
     if cause.kind == "bench":
         return "measure it again, or state it with its true uncertainty"
     if cause.units[:1] == ("T",):
         again = f"this {row_word}" if cause.kind == "row" else "the recording"
         return f"keep iron, magnets and currents away, and repeat {again}"
     if cause.kind == "row":
-        return f"look at the readings of “{cause.name}”, and repeat this {row_word}"
+        return f"look at the readings of “{cause.place}”, and repeat this {row_word}"
     if cause.name.startswith(CHANGE_PREFIX):
         return f"check whether the sensor was touched; repeat this {row_word} or remove it"
     return "let the sensor settle before the run, or repeat the first positions at the end"

@@ -1,4 +1,4 @@
-"""The class of a calibration: its values, the correction of readings, and its conversions."""
+"""The class of a calibration, which corrects readings and can be converted to other frames."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
-from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.corrected_motion import CorrectedMotion, checked_readings, corrected_motion
 from inercal.calibration.forms import (
     ConvertedCoefficients,
@@ -20,7 +19,7 @@ from inercal.calibration.forms import (
     ieee1293,
 )
 from inercal.calibration.grade import Verdict
-from inercal.calibration.shared_errors import SharedErrors, transform_shared
+from inercal.calibration.shared_errors import BenchEstimate, SharedErrors, transform_shared
 from inercal.calibration.validity import Validity, checked_temperatures
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import Measures

@@ -1,4 +1,4 @@
-"""The state of a check standard, from a file of `inercal control` that a run file names.
+"""Read the state of a check standard from the `inercal control` file that a run file names.
 
 Schema "inercal/control/1": `sensor`, `reference` (`days`, `until`), `points` (`first`, `last`,
 `in_control`, `signals`), `episodes`, limits and statistics of the charts.
@@ -91,7 +91,7 @@ class CheckState:
 
 @dataclass(frozen=True)
 class CheckStandard:
-    """A check standard: the sensor, the end of the reference period, and the points in order."""
+    """A check standard with its sensor, the end of its reference period, and its ordered points."""
 
     source: str
     sensor: str

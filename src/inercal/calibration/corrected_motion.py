@@ -68,7 +68,7 @@ def checked_readings(sensor: Sensor, recording: Recording | Array) -> Array:
 def channel_columns(
     sensor: Sensor, channels: Sequence[str], units: Sequence[str], source: str
 ) -> list[int]:
-    """Return which of the channels of `source`, with these units, are the sensor's axes, in order.
+    """Return the positions of the sensor's axes, in order, among the channels of `source`.
 
     Raises
     ------

@@ -7,7 +7,7 @@ standard uncertainty u by 5 u, the norm of the residual is::
     η = 5 / R        R = max |J⁺c| / (u |c'|)
 
 At η = 6, a test nearly always detects the cause. Causes with η below 7 are listed, because 7 also
-includes marginal causes. Because of a listed cause, the result can be wrong by 5 u although its
+includes marginal causes. If such a cause is present, the result can be wrong by 5 u although its
 verdict is "consistent". A coefficient is not listed if the size that causes a shift of 5 u exceeds
 10 % of the coefficient's natural size, because such a size is implausible.
 
@@ -64,7 +64,7 @@ def coefficient_definition(sensor: Sensor, full: str) -> ErrorTerm:
 
 
 def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[UndetectableCause, ...]:
-    """Return the causes that were not estimated and that no test can detect in these data.
+    """Return the causes that were not estimated and that no test could detect in these data.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tables of a calibration: text, HTML for notebooks, LaTeX, and a pandas DataFrame."""
+"""Show a calibration as a table: as text, HTML for notebooks, LaTeX, or a pandas DataFrame."""
 
 import re
 from html import escape

@@ -1,4 +1,4 @@
-"""Readable verdicts: a few short lines, and an explanation of all findings under headings."""
+"""Keep verdicts short: a few lines, with an explanation of all findings under headings."""
 
 import re
 from collections.abc import Iterable, Sequence

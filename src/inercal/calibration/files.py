@@ -26,8 +26,8 @@ from inercal.basics.documents import document_text, record_object
 from inercal.basics.errors import InercalError, InputError
 from inercal.basics.small_files import read_small_file
 from inercal.calibration import Calibration, SharedError, Validity
-from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.file_schema import CalibrationRecord, ConformityRecord, checked_record
+from inercal.calibration.shared_errors import BenchEstimate
 from inercal.calibration.specification import Conformity, LimitResult, conformity_object
 from inercal.calibration.verdict_object import recorded_verdict, verdict_object
 from inercal.estimation.uncertainty.conformity import DecisionRule

@@ -142,7 +142,7 @@ class NoiseFactor(NamedTuple):
 
 @dataclass(frozen=True)
 class Verdict:
-    """How reliable a result is, with the reasons; iterating over the verdict yields its lines.
+    """The verdict on a result, with the reasons for it; iterating over a verdict yields its lines.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ class Verdict:
         Ratio of the observed scatter of the residuals to the stated scatter, if the uncertainties
         were multiplied by this ratio; otherwise 1.
     noise : tuple of NoiseFactor
-        Noise that was stated too large or too small.
+        Noise that was stated as too large or too small.
     rounding : tuple of RoundedChannel
         Channels whose resolution limits the information from the rests.
     additions : tuple of Addition
@@ -303,7 +303,7 @@ def grade_estimate(
     if assessment.scores_reject and suspect is None:
         mild.append("no single cause explains the residuals")
     elif suspect is not None:
-        named = row_words(suspect.name) if suspect.kind == "row" else suspect.name
+        named = row_words(suspect.place) if suspect.kind == "row" else suspect.name
         if suspect.kind == "coefficient":
             named = coefficient_words(sensor, suspect.name, suspect.components)
         mild.append(f"the residuals point to {named}")

@@ -9,7 +9,7 @@ OUTDATED = "outdated"
 
 
 def marked_as_outdated(calibration: Calibration, reason: str) -> Calibration:
-    """Return the calibration with a note in its provenance: why a new one may be needed.
+    """Return the calibration with a note in its provenance that says why a new one may be needed.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ _RANGES = {"f": "force", "w": "rate", "m": "field", "T": "temperature"}  # field
 
 
 class Excess(NamedTuple):
-    """A part of an operating point that is outside the validity, and a sentence about it.
+    """One quantity in which an operating point is outside the validity, with a sentence about it.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class Prediction:
     outside : tuple of n tuples of Excess
         The parts of each point that are outside the validity.
     remarks : tuple of str
-        What could not be checked, or is not included in U.
+        Sentences on what could not be checked or is not included in U.
     m : (n, 3) array or None
         Magnetic flux density of each point, T; None if there are no magnetometers.
     heading_std : (n,) array or None
@@ -326,9 +326,12 @@ def _effect_variances(
     causes = None if verdict is None else verdict.undetectable
     parts, remarks = {one.part for each in outside for one in each}, list[str]()
     if parts and causes is None:
-        remarks.append("U does not grow outside: the file does not list undetectable effects.")
+        remarks.append(
+            "U does not grow outside the validity, because the file does not list "
+            "undetectable effects."
+        )
     if "T" in parts and not sensor.uses("dT"):
-        remarks.append("U does not include effects of temperature: the model has none.")
+        remarks.append("U does not include effects of temperature, because the model has none.")
     found: dict[str, Array] = {}
     for cause in causes or ():
         if CoefficientName(cause.component).axis not in sensor.channels:
@@ -345,7 +348,9 @@ def _effect_variances(
             squares = np.sum((cause.size * design) ** 2, axis=-1) / 3
             found[words] = (gain**2 @ squares[..., None])[..., 0] * here[:, None]
     if parts and not (found or remarks):
-        remarks.append("U does not grow outside: no undetectable effect acts there.")
+        remarks.append(
+            "U does not grow outside the validity, because no undetectable effect acts there."
+        )
     return found, remarks
 
 

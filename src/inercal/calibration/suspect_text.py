@@ -108,7 +108,7 @@ def cause_line(assessment: Assessment, sensor: Sensor, expected: Mapping[str, Pa
     one = assessment.best
     if one is None:
         return ""
-    words = cause_words(one.name, one.kind, one.components, sensor, expected)
+    words = cause_words(one.place, one.kind, one.components, sensor, expected)
     off = "off by " * (one.kind == "bench")
     size = f", {off}{text}" if (text := size_words(one, sensor)) else ""
     if assessment.suspect is not None:
@@ -129,6 +129,7 @@ def alternatives(
     return [
         cause_words(name, found[name].kind, found[name].components, sensor, expected)
         for name in one.indistinguishable
+        if name not in one.other_rows
     ]
 
 
@@ -136,7 +137,7 @@ def suspect_lines(
     one: SuspectedCause, scores: ScoreTestSet, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> list[str]:
     """Return lines about the candidate that explains the residuals best, and about its size."""
-    words = cause_words(one.name, one.kind, one.components, sensor, expected)
+    words = cause_words(one.place, one.kind, one.components, sensor, expected)
     first = f"{words[0].upper()}{words[1:]}"
     how = ""
     if one.kind == "time" and not one.changes and not one.name.startswith("step "):
@@ -176,10 +177,10 @@ def best_cause_lines(
     one: SuspectedCause, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> list[str]:
     """Return lines about the best tested cause if it does not explain the residuals."""
-    words = cause_words(one.name, one.kind, one.components, sensor, expected)
+    words = cause_words(one.place, one.kind, one.components, sensor, expected)
     return [
-        "No single cause explains the residuals: something changes that the model does not "
-        "contain, several things are wrong, or the noise is larger than stated.",
+        "No single cause explains the residuals: either something changed that the model does not "
+        "include, or several things are wrong, or the noise is larger than stated.",
         f"The best of the tested causes is {words}: χ² would drop {_chi2_drop(one)} with "
         f"{degrees_of_freedom(one.remaining_dof)}, which is still too large "
         f"(p {p_value_text(one.remaining_p_value)}).",

@@ -1,4 +1,4 @@
-"""Coefficients as functions of temperature, k(T) = Σ_j c_j ΔT^j, with their uncertainty.
+"""Evaluate coefficients as functions of temperature, k(T) = Σ_j c_j ΔT^j, with their uncertainty.
 
 A curve combines the terms of an axis whose basis functions differ only in the power of ΔT. For the
 bias, these are `k0`, `k0_dT`, `k0_dT2` and `k0_dT3`.

@@ -1,11 +1,12 @@
-"""What is known of a new sensor from earlier sensors of its type, as a file `*.prior.toml`.
+"""Read and write priors for new sensors, which earlier sensors of the type determine.
 
-Schema "inercal/type-prior/1", in SI: `form`, `correlations` (how they were estimated), and a table
-`[[coefficient]]` for each coefficient with `name`, `unit`, `mean`, `sd`, `dof`, `between_sensors`,
-`mean_share` and two rows of correlations: `correlation` with the coefficients of the same axis or
-sensor, and `other_axis` with the coefficients of another axis that has the same prior. A name
-without an axis, such as "kip", is that of every axis. `[[readout]]` states the nominal readout to
-which the coefficients refer, and `[[sensor]]` the sensors that were used.
+A prior is a file `*.prior.toml` with schema "inercal/type-prior/1", in SI: `form`, `correlations`
+(how they were estimated), and a table `[[coefficient]]` for each coefficient with `name`, `unit`,
+`mean`, `sd`, `dof`, `between_sensors`, `mean_share` and two rows of correlations: `correlation`
+with the coefficients of the same axis or sensor, and `other_axis` with the coefficients of another
+axis that has the same prior. A name without an axis, such as "kip", applies to every axis.
+`[[readout]]` states the nominal readout to which the coefficients refer, and `[[sensor]]` the
+sensors that were used.
 """
 
 import json
@@ -63,7 +64,7 @@ class TypeReadout(_Content):
 
 
 class SourceSensor(_Content):
-    """A sensor that was used, its calibration and the SHA-256 hash of the recording if known."""
+    """A sensor that was used, with its calibration and, if known, the SHA-256 of its recording."""
 
     name: str
     source: str
@@ -79,7 +80,7 @@ class OutlyingSensor(_Content):
 
 
 class TypePrior(_Content):
-    """The prior of a new sensor of a type."""
+    """The prior for a new sensor, derived from earlier sensors of the same type."""
 
     schema_: Literal["inercal/type-prior/1"] = Field(default=SCHEMA, alias="schema")
     type_name: str = ""

@@ -1,4 +1,4 @@
-"""The ranges of rate, force, temperature and magnetic field that a calibration's data cover.
+"""Record which rates, forces, temperatures and magnetic fields the data of a run cover.
 
 Temperatures of readings are checked against the range in which a calibration was made.
 """
@@ -21,7 +21,7 @@ READING_MARGIN = 0.01  # fraction of a range by which readings may be outside, b
 
 
 def distance_outside(limits: Range, values: Array, margin: float) -> Array:
-    """Return how far values are outside a range, in their unit; 0 up to the margin."""
+    """Return how far values are outside a range, in their unit; 0 within the margin."""
     low, high = limits
     away = np.maximum(low - values, values - high)
     return np.where(away > margin, away, 0.0)

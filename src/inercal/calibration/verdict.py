@@ -48,8 +48,11 @@ from inercal.physics.sensors.coefficient_words import GROUP_WORDS, axis_words, c
 from inercal.recordings import Finding, merge_messages
 
 _DRIFT_PREFIX = "drift of "  # followed by the axis
+_NO_REACTION = 3.0  # standard uncertainties of a scale factor that cannot be told from 0
 _UNIT_RATIO_TOLERANCE = 0.1  # relative tolerance for recognising a scale factor as a ratio of units
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
+OPPOSITE_SIGN = "opposite sign"
+"""`Finding.what` for a quantity that the sensors show with the opposite sign."""
 UNSEEN = "unseen"
 """`Finding.what` for an effect that a method cannot detect."""
 _NO_CAUSE = (
@@ -72,7 +75,8 @@ _REMEDIES = (
     "use ",
     "wait ",
 )  # how the last clause of a finding begins if it says what to do
-_MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute
+_REVERSED = "the accelerometers or the gyros have the wrong sign"
+_MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
 
 class _Step(NamedTuple):
@@ -140,12 +144,14 @@ def verdict(
     """
     advisor = advisor or PlainAdvisor(possible, row_word)
     assessment = assess(estimate, len(sensor.coefficients), possible)
-    far = dict(_scale_errors(estimate, sensor))
+    row = _dominant_row(estimate, assessment)
+    far = dict(_scale_errors(estimate, sensor, row))
     graded = grade_estimate(estimate, sensor, assessment, findings, tuple(far))
     unseen = _undetectable(estimate, sensor, assessment)
     exact = undetectable_exact_parameters(estimate, sensor, expected)
+    reverse = any(one.what == OPPOSITE_SIGN for one in findings)
     steps = [
-        *_steps_on_cause(assessment, advisor, tuple(far), row_word),
+        *(() if reverse else _steps_on_cause(assessment, advisor, tuple(far), row_word, row)),
         *_steps_on_undetectable(unseen, sensor, advisor, possible),
         *(
             _Step(
@@ -189,7 +195,7 @@ def verdict(
     if not graded.reasons and (factor := _noise_factor(findings)):
         word = f"{word}, but U is too large"
         why = f"the residuals are {factor} times smaller than noise and bench imply"
-    cause = next(iter(far.values()), "")
+    cause = next(iter(far.values()), _REVERSED * reverse)
     lines = (
         first_fit(f"{word}: {why}.", f"{word}: {why.partition(' (')[0]}."),
         fit(added),
@@ -197,7 +203,7 @@ def verdict(
         if cause
         else cause_line(assessment, sensor, expected)
         or _NO_CAUSE * no_cause(estimate, assessment),
-        "" if added or assessment.suspect is None else _alternatives_line(
+        "" if added or cause or assessment.suspect is None else _alternatives_line(
             alternatives(assessment.suspect, estimate.score_tests, sensor, expected)
         ),
         "" if graded.grade == "consistent" else _next_line(steps),
@@ -227,14 +233,29 @@ def _noise_factor(findings: Sequence[Finding]) -> str:
     return two_digits(max(factors)) if factors else ""
 
 
-def _scale_errors(estimate: Estimate, sensor: Sensor) -> Iterator[tuple[str, str]]:
+def _dominant_row(estimate: Estimate, assessment: Assessment) -> str:
+    """Return the row that contributes most of χ²; empty if there is none."""
+    row = assessment.row
+    if row is None or row.adjusted >= SIGNIFICANCE_LEVEL:
+        return ""
+    return row.name if row.chi2 > _MAIN_SHARE * estimate.score_tests.chi2 else ""
+
+
+def _scale_errors(estimate: Estimate, sensor: Sensor, row: str) -> Iterator[tuple[str, str]]:
     """Yield a sentence, with a probable cause, for each scale factor far from nominal."""
-    for name, value in zip(sensor.coefficients, estimate.value.tolist(), strict=False):
+    sds = np.sqrt(np.diag(estimate.covariance)).tolist()
+    for name, value, sd in zip(sensor.coefficients, estimate.value.tolist(), sds, strict=False):
         axis, term = CoefficientName(name).parts
         scale = 1 + value
         if term not in ("k1", "scale") or not is_far_from_nominal(scale):
             continue
-        cause = "its nominal scale factor or one of its readings is wrong"
+        if abs(scale) < _NO_REACTION * sd:
+            cause = "it is broken or not connected, or all its rows contain the same reading"
+            felt = "gravity" if term == "k1" else "rotation"
+            yield f"{axis_words(sensor, axis)} does not react to {felt}", cause
+            continue
+        reading = f"the reading of “{row}”" if row else "one of its readings"
+        cause = f"its nominal scale factor or {reading} is wrong"
         if scale < 0:
             cause = "the axis is reversed"
         elif term == "k1":
@@ -246,11 +267,14 @@ def _scale_errors(estimate: Estimate, sensor: Sensor) -> Iterator[tuple[str, str
 
 
 def _steps_on_cause(
-    assessment: Assessment, advisor: Advisor, far: Sequence[str], row_word: str
+    assessment: Assessment, advisor: Advisor, far: Sequence[str], row_word: str, main: str
 ) -> Iterator[_Step]:
     """Yield next steps about the cause of large residuals."""
     if far:
-        yield _Step("Check sign, unit and nominal scale of this axis in [sensor] and [data].")
+        look = f"Look at the readings of “{main}”; check" if main else "Check"
+        yield _Step(
+            f"{look} the connection of this axis, and its sign, unit and scale in the run file."
+        )
     row, suspect = assessment.row, assessment.suspect
     if suspect is not None:
         advice = advisor.on_cause(suspect)

@@ -1,4 +1,4 @@
-"""The verdict as JSON for calibration files and `--json`, with sizes in SI units."""
+"""Convert the verdict to and from JSON, with sizes in SI units."""
 
 from math import nan
 from typing import Any, cast

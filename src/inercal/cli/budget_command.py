@@ -1,6 +1,7 @@
 """`inercal budget`: contribution of each imperfection to each coefficient."""
 
 from collections.abc import Sequence
+from importlib import import_module
 from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,7 +29,6 @@ def run(
 ) -> None:
     """Compute the error budget: the contribution of each imperfection to each coefficient."""
     from inercal.basics.parallel import open_executor
-    from inercal.runfile import read
 
     if trials < 2:
         raise InputError(
@@ -37,10 +37,12 @@ def run(
         )
     if seed < 0:
         raise InputError(f"--seed {seed} is negative; give 0 or more", key="--seed")
-    modules = ("inercal.pipeline.budget.experiment_from_runfile", "inercal.pipeline.budget")
+    modules = ("inercal.pipeline.budget.experiment_from_runfile", "inercal.estimation.loaded_numba")
     executor = open_executor(workers, scheduler, modules)
+    # The program's other modules load while the workers get ready.
+    from inercal.runfile import read
+
     plan = read(run_file)
-    # The modules of the work load after the run file was checked.
     from inercal.pipeline.budget import budget
     from inercal.pipeline.budget.contribution_table import budget_as_dict
     from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
@@ -57,8 +59,10 @@ def run(
         ).located(run_file)
     warn_of_root(scheduler)
     with progress_status(f"first order of {plan.sensor.name}") as update, executor:
+        experiment = experiment_from_run(plan)
+        import_module("inercal.report.budget_page")  # while the workers get ready
         result = budget(
-            experiment_from_run(plan),
+            experiment,
             trials,
             seed,
             lambda done, all_: update(f"{done} of {all_} trials for each imperfection"),

@@ -67,7 +67,7 @@ def run(
         drafted = _draft(inputs, out, stated, yes=yes, force=force)
         run_file = drafted.path
         write_text(run_file, drafted.text)
-        for line in drafted.assumptions if not json else ():
+        for line in (*drafted.unused, *drafted.assumptions) if not json else ():
             print(line)
     elif stated or yes:
         raise InputError(

@@ -1,10 +1,10 @@
-"""Output of a calibration, or of a comparison of two, to the terminal and as JSON."""
+"""Show a calibration, or a comparison of two, on the terminal and as JSON."""
 
 from typing import Any
 
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration import Calibration
-from inercal.calibration.comparison import Comparison, comparison_text
+from inercal.calibration.comparison import Comparison, run_to_run
 from inercal.calibration.comparison.run_to_run import RunToRun
 from inercal.calibration.display import coefficient_lines
 from inercal.cli.console import axis_of, print_line, print_lines, print_table
@@ -28,11 +28,11 @@ def print_comparison(
     numbers = (">value 1", ">± U", ">value 2", ">± U", ">difference", ">± U")
     rows = (_comparison_row(compared, k) for k in range(len(compared.names)))
     print_table(("coefficient", *numbers, "unit", ">E_n"), rows, section=axis_of)
-    print_lines(comparison_text.comparison_lines(compared))
+    print_lines(run_to_run.comparison_lines(compared))
     if ordinary is not None:
-        print_lines(comparison_text.run_to_run_lines(ordinary))
+        print_lines(run_to_run.run_to_run_lines(ordinary))
     elif compared.first.sensor.name == compared.second.sensor.name:
-        print_lines(comparison_text.repeatability_lines(compared.exceedances, compared.joint_test))
+        print_lines(run_to_run.repeatability_lines(compared.exceedances, compared.joint_test))
 
 
 def _comparison_row(compared: Comparison, k: int) -> list[str]:
@@ -47,7 +47,7 @@ def _comparison_row(compared: Comparison, k: int) -> list[str]:
     for x, u, stated in (*found, (*difference, compared.states_uncertainty)):
         value, expanded = format_value_and_uncertainty(x / line.si, COVERAGE * u / line.si)
         cells += [value, expanded if stated else ""]
-    return [*cells, line.unit, comparison_text.format_en(float(compared.normalised_errors[k]))]
+    return [*cells, line.unit, run_to_run.format_en(float(compared.normalised_errors[k]))]
 
 
 def run_to_run_object(found: RunToRun | None) -> dict[str, Any] | None:

@@ -12,7 +12,13 @@ from typer.core import TyperGroup
 
 from inercal.basics.atomic_files import atomic_write_all
 from inercal.basics.errors import InercalError, InputError, require_installed
-from inercal.cli.console import open_register, print_json, print_table, print_written_files
+from inercal.cli.console import (
+    open_register,
+    print_json,
+    print_table,
+    print_written_files,
+    report_line,
+)
 from inercal.cli.options import Force, Json, RegisterOption
 
 if TYPE_CHECKING:
@@ -134,6 +140,8 @@ def issue(
     if draft:
         if options.change:
             raise _option_error("--draft", "a draft cannot change a certificate; remove --draft")
+        if calibration.verdict is not None and calibration.verdict.grade == "unreliable":
+            report_line(f"warning: {file.name} is not to be relied on")
         files, number, address = make_files(given, "", options), "", None
         written = _write(files, out, f"{file.name.partition('.')[0]}.draft", force)
     else:

@@ -86,7 +86,7 @@ def run(
 ) -> None:
     """Write a calibration for another program or device, and print the error of the export."""
     from inercal.calibration.files import load
-    from inercal.export import TARGETS, export_calibration
+    from inercal.export import TARGETS, export_calibration, identifier
 
     target = TARGETS.find(to)
     calibration = load(calibration_file)
@@ -116,8 +116,10 @@ def run(
     if json:
         print_json({"file": str(path), "target": to, **costs_object(made)})
         return
+    plain = identifier(name) if name else name
+    renamed = "" if plain == name else f"the name {name!r} is written as {plain}"
     left_out = f"not in this file: {made.left_out}" if made.left_out else ""
-    for line in filter(None, (left_out, made.unmeasured, *cost_lines(made))):
+    for line in filter(None, (renamed, left_out, made.unmeasured, *cost_lines(made))):
         print(line)
     print(f"wrote {path}")
 
@@ -171,6 +173,8 @@ def parse_range(text: str | None, unit: str, option: str) -> "Range | None":
         low, high = to_si(numbers, parts[2], unit).tolist()
     except InputError as error:
         raise error.located(f"{option} {text!r}", key=option) from None
+    if not low < high:
+        raise InputError(f"{option} {text!r}: give the lower limit first", key=option)
     return low, high
 
 

@@ -20,9 +20,8 @@ from inercal.cli.outputs import CALIBRATION, PAGE, OutputKind, check_outputs
 if TYPE_CHECKING:
     from inercal.fleet.calibration import Counts
     from inercal.fleet.line import Line
-    from inercal.fleet.status import LineStatus
 
-FAILED = 3  # exit status: some sensors have no result
+FAILED = 3  # exit status: some sensors have no reliable result
 _WORKER_MODULES = """
     fleet.batch calibration.files benches.hand.kind benches.hand.reading methods.six_position
     methods.residuals estimation.fitting pipeline recordings.io.npz
@@ -75,6 +74,7 @@ def calibrate(
     """Calibrate the sensors that have no result yet; a failed sensor is listed with its reason."""
     from inercal.fleet import results
     from inercal.fleet.line import read_line
+    from inercal.fleet.status import line_status
 
     for name, number in (("--batch", batch), ("--count", count)):
         if number is not None and number < 1:
@@ -100,7 +100,11 @@ def calibrate(
         return
     counts = _calibrate(read, folder, workers, scheduler, batch, retry_failed, timeout)
     without = counts.failed + counts.lost + counts.kept_failed
-    content: dict[str, Any] = {**vars(counts), "results": str(folder)}
+    found = line_status(read, out)
+    content: dict[str, Any] = {
+        **vars(counts), "results": str(folder),
+        **{key: found.as_object()[key] for key in ("unreliable", "same_recording")},
+    }  # fmt: skip
     if register is not None:
         from inercal.fleet.latest import enter_results
 
@@ -117,15 +121,14 @@ def calibrate(
             "unchanged"
         )
         if without:
-            from inercal.fleet.status import line_status
-
             print(f"{format_count(without, 'sensor has', 'sensors have')} no result:")
-            _print_reasons(line_status(read, out))
+        for text in found.attention_lines():
+            print(text)
         if "entered" in content:
             entered = format_count(content["entered"], "calibration is", "calibrations are")
             print(f"{entered} in {content['register']}")
         print(f"wrote {folder}")
-    if without:
+    if without or found.unreliable:
         raise typer.Exit(FAILED)
 
 
@@ -148,16 +151,8 @@ def status(line: _Line, out: _Out = None, json: Json = False) -> None:
         print(f"{number:>9}  {what} by [specification]")
     if found.outdated:
         print(f"{len(found.outdated):>9}  outdated; calibrate again")
-    _print_reasons(found)
-    for text in outdated_lines(found.outdated):
+    for text in (*found.attention_lines(), *outdated_lines(found.outdated)):
         print(text)
-
-
-def _print_reasons(found: "LineStatus") -> None:
-    """Print the sensors without a result, and the reasons."""
-    for reason, names in found.reasons:
-        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        print(f"{', '.join(names[:3])}{more}: {reason}")
 
 
 @app.command()
@@ -278,6 +273,8 @@ def export(
     if sensor is not None:
         calibration = sensor_calibration(read, folder, sensor)
         save(calibration, path)
+        if (verdict := calibration.verdict) and verdict.grade == "unreliable":
+            report_line(f"warning: {sensor} should not be relied on")
         _warn_of_outdated({sensor: calibration.provenance.get(OUTDATED, "")})
         print(f"wrote {path}")
         return

@@ -1,4 +1,4 @@
-"""Compilation of all kernels in advance, so that later runs need not wait for the compiler.
+"""Compile all kernels in advance, so that later runs need not wait for the compiler.
 
 Numba compiles a kernel when it is first called with arguments of certain types. The kernels are
 therefore compiled by running short simulations that use them: a run on a simulated turntable, the

@@ -1,4 +1,4 @@
-"""Confirmations of a run's mountings, from typed lines, standard input or an answer file.
+"""Read the confirmations of a run's mountings from typed lines, standard input or an answer file.
 
 A line `mounted NAME` or `mounted NAME OPERATOR` confirms that the sensor is mounted as requested.
 A line on standard input counts only if it comes after the request. A line in an answer file

@@ -152,7 +152,7 @@ def run(
                 skipped_bands=bands,
                 gravity=_gravity(recording),
             )
-    from inercal.noise.data_sheet_comparison import compare_with_sheet
+    from inercal.noise.data_sheet import compare_with_sheet
     from inercal.noise.sensor_noise import require_stated, sensor_noise
 
     if register is not None:
@@ -169,7 +169,7 @@ def run(
             number = opened.enter_noise(analysis, name, measured)
             entered = {"register": opened.address, "sensor": name, "number": number}
     if json:
-        from inercal.noise.analysis_object import analysis_object
+        from inercal.noise.texts import analysis_object
 
         content = analysis_object(analysis) | {key: str(path) for key, path in files.items()}
         if sheet is not None:

@@ -14,9 +14,9 @@ from inercal.basics.units import format_duration, si_factor
 from inercal.cli.console import number_heads, print_line, print_lines, print_table
 from inercal.cli.outputs import RUN_FILE, OutputKind, check_outputs
 from inercal.noise.channel_noise import NoiseAnalysis, coefficient_unit
-from inercal.noise.data_sheet import DataSheetNoise
-from inercal.noise.data_sheet_comparison import (
+from inercal.noise.data_sheet import (
     HEADS,
+    DataSheetNoise,
     SheetComparison,
     comparison_object,
     kind_remarks,

@@ -1,4 +1,4 @@
-"""Options that several verbs share, and checks of their values."""
+"""Declare the options that several verbs share, and check their values."""
 
 import os
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Checks of output files, common to all verbs and made before any work."""
+"""Check the output files of all verbs, before any work begins."""
 
 import csv
 import os

@@ -52,7 +52,8 @@ def run(
     from inercal.cli.terminal import terminal
     from inercal.studies import STUDIES, TRIALS, reproduce, results_as_list, write_study
 
-    executor = open_executor(workers, scheduler, [STUDIES[name]] if name in STUDIES else ())
+    modules = [STUDIES[name], "inercal.estimation.loaded_numba"] if name in STUDIES else ()
+    executor = open_executor(workers, scheduler, modules)
     written: Path | None = None
     folder = Path() if out is None and not json else out
     if folder is not None:

@@ -1,4 +1,4 @@
-"""Input of sessions for a verb: calibration files, a table of files, or a register."""
+"""Read the sessions for a verb from calibration files, a table of files, or a register."""
 
 from datetime import UTC, datetime
 from enum import StrEnum

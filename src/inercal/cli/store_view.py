@@ -1,4 +1,4 @@
-"""Output of `inercal store`: tables for the terminal, and JSON objects with numbers in SI."""
+"""Show what `inercal store` finds, as tables on the terminal or as JSON objects in SI."""
 
 import json
 from collections.abc import Sequence
@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from inercal.basics.units import format_count
-from inercal.calibration.comparison.comparison_text import format_en, grade_text
 from inercal.calibration.comparison.courses import CourseFit
+from inercal.calibration.comparison.run_to_run import format_en, grade_text
 from inercal.cli.calibration_view import print_calibration_table, run_to_run_object
 from inercal.cli.console import axis_of, number_heads, print_line, print_lines, print_table
 from inercal.laboratory.store import CalibrationEntry, RunEntry, SensorEntry, SensorHistory

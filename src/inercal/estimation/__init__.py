@@ -1,6 +1,7 @@
 """Estimation on plain arrays, independent of sensors: least squares, score tests, uncertainty.
 
-The names below are loaded at their first use, because checking a run file does not need them.
+The names below are only loaded when they are first used, because a check of a run file does not
+need them.
 """
 
 from typing import TYPE_CHECKING
@@ -9,22 +10,20 @@ from inercal.basics.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from inercal.estimation.candidate_scores import score_tests
-    from inercal.estimation.filter_history import FilterHistory, SmoothedStates
     from inercal.estimation.fitting import Cauchy, least_squares
+    from inercal.estimation.innovations import FilterHistory, SmoothedStates
     from inercal.estimation.nullspace import NullDirection
-    from inercal.estimation.priors_and_gauges import Gauge, Gaussian
-    from inercal.estimation.problem import Problem
+    from inercal.estimation.problem import Gauge, Gaussian, Problem
     from inercal.estimation.result import Estimate, ResidualGroup
     from inercal.estimation.scores import Candidate, ModelTest, ScoreTest, ScoreTestSet
     from inercal.estimation.trial_blocks import least_squares_of_trials
 
 _NAMES = {
     "candidate_scores": ("score_tests",),
-    "filter_history": ("FilterHistory", "SmoothedStates"),
     "fitting": ("Cauchy", "least_squares"),
+    "innovations": ("FilterHistory", "SmoothedStates"),
     "nullspace": ("NullDirection",),
-    "priors_and_gauges": ("Gauge", "Gaussian"),
-    "problem": ("Problem",),
+    "problem": ("Gauge", "Gaussian", "Problem"),
     "result": ("Estimate", "ResidualGroup"),
     "scores": ("Candidate", "ModelTest", "ScoreTest", "ScoreTestSet"),
     "trial_blocks": ("least_squares_of_trials",),

@@ -1,4 +1,4 @@
-"""Compiled kernels that solve the normal equations of many small problems at once.
+"""Solve the normal equations of many small problems at once in compiled kernels.
 
 The trials lie side by side along the innermost array dimension ("lanes"), so that every operation
 of a textbook Cholesky factorisation becomes one vector operation over trials. `gauss_newton_steps`
@@ -186,7 +186,7 @@ def solve(
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def inverse(normal: Array, prior: Array, lanes: int) -> tuple[Array, Bools]:
-    """Return (N + P)⁻¹ (trials, k, k) and whether it exists (trials,); arguments: see `solve`."""
+    """Return (N + P)⁻¹, (trials, k, k), and whether it exists, (trials,); see `solve`."""
     trials, k = normal.shape[0], prior.shape[0]
     result = np.empty((trials, k, k))
     ok, good = np.zeros(trials, np.bool_), np.empty(lanes, np.bool_)

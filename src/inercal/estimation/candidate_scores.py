@@ -266,7 +266,7 @@ def _rotate_rows(
 
 
 def rows_from_products(gram: Array, product: Array) -> tuple[Array, Array]:
-    """Return a residual (d,) and c columns (d, c) that have the given products.
+    """Return a residual, (d,), and c columns, (d, c), whose products are the given ones.
 
     The residual and the columns are the coordinates of m whitened rows in an orthonormal basis of
     the d directions that the columns span. The scores need no other information about the rows.

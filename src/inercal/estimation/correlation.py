@@ -60,7 +60,7 @@ class NoiseCorrelation:
         return np.asarray(1 + self.ratio * (1 + x * np.expm1(-1 / x)))
 
     def batch_variance_ratio(self, seconds: Array, batches: int) -> Array:
-        """Return the scatter of batch means in T seconds, divided by that of white noise."""
+        """Return the scatter of batch means over T seconds relative to that of white noise."""
         own, whole = self.mean_variance_ratio(seconds / batches), self.mean_variance_ratio(seconds)
         return np.asarray((own - whole / batches) * batches / (batches - 1))
 
@@ -166,7 +166,7 @@ def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> 
 def fine_variance(
     one: Contrasts, power: Array, channels: int, correlation: NoiseCorrelation
 ) -> tuple[float, int]:
-    """Return the fine levels' variance relative to the common scale, and its degrees of freedom.
+    """Return the variance at the fine levels relative to the common scale, and its dof.
 
     `power` contains the `contrast_powers` of these channels.
     """

@@ -1,4 +1,4 @@
-"""Least-squares estimates of problems that provide the Jacobian of their rows.
+"""Solve problems that provide the Jacobian of their rows by least squares.
 
 `inercal.estimation.search` finds the minimum. A robust loss with influence function ψ = ρ′/2 enters
 the steps of the search through iterated weights w = ψ/u.
@@ -18,8 +18,8 @@ from inercal.estimation.candidate_scores import (
     spanned_candidates,
 )
 from inercal.estimation.lazy_value import LazyValue
-from inercal.estimation.noise_scale import WhitenedRows
 from inercal.estimation.problem import Problem
+from inercal.estimation.residual_scatter import WhitenedRows
 from inercal.estimation.result import NO_ROWS, OF_TRIALS, Estimate
 from inercal.estimation.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet, UnlikeTrials
 from inercal.estimation.search import Bools, merge, search
@@ -93,9 +93,9 @@ def least_squares(
 def least_squares_each(problem: Problem, max_iterations: int = 200) -> list[Estimate | None]:
     """Solve every trial of a problem as if it were solved alone, with its own score tests.
 
-    The trials share the search and the linearisation for the score tests. The result is None for
-    a trial that must be solved alone, because it has no solution, contradicts its priors or has
-    other candidates than the others.
+    The trials share the search and the linearisation for the score tests. The result is None for a
+    trial that must be solved alone, because it has no solution, contradicts its priors, or has
+    different candidates.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Two solvers for the damped normal equations.
+"""Solve the damped normal equations in one of two ways.
 
 Each step δ minimises |u − A δ|² + |v − B δ|² + λ |D δ|², where A are the whitened rows of the
 observations and B those of the priors. D is the root of the diagonal of AᵀA + BᵀB (Marquardt 1963),
@@ -111,7 +111,7 @@ def covariance_packed(normal: Array, prior_rows: Array) -> tuple[Array, Bools]:
 def moves(
     step: GaussNewtonSteps, basis: Array | None, x: Array, some: Places
 ) -> tuple[Array, Array, Bools]:
-    """Return moves of x (trials, p), predicted decreases of χ² (trials,), and which exist.
+    """Return moves of x, (trials, p), the decreases of χ² that they predict, and which moves exist.
 
     A move that does not exist is zero.
 

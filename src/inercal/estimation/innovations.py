@@ -1,4 +1,4 @@
-"""Test a filter's innovations in groups of epochs, which reveals small biases.
+"""A filter's estimates and innovations by epoch, and tests in groups that reveal small biases.
 
 A sum of squares over all epochs can hide a small bias. If the filter's model is right, its
 innovations divided by their standard deviations are independent and N(0, 1). The sum over a group
@@ -18,10 +18,75 @@ The whitened residuals of a fit are not independent. If J is the Jacobian and C 
 the estimate, including priors, sums A r over groups have the covariance A Aᵀ − (A J) C (A J)ᵀ.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
+from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.scores import ModelTest
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedStates:
+    """Smoothed estimates, from all epochs, of states that vary with time.
+
+    Parameters
+    ----------
+    names : tuple of r str
+    value, std : (k, r) arrays
+        Estimates and standard deviations at the epochs `FilterHistory.shown`.
+    """
+
+    names: tuple[str, ...]
+    value: Array
+    std: Array
+
+
+@dataclass(frozen=True, eq=False)
+class FilterHistory:
+    """The estimates and innovations of one filter over a run.
+
+    Parameters
+    ----------
+    name : str
+        Name of the filter.
+    names : tuple of n str
+        Names of the estimated states.
+    time : (e,) array
+        Time of each epoch, s.
+    value, std : (k, n) arrays
+        Estimates and standard deviations after the epochs `shown`.
+    innovation : (e, q) array
+        Observation minus prediction.
+    nis : (e,) array
+        Normalised innovation squared over q components; its mean is q if the model is right.
+    smoothing : LazyValue of SmoothedStates or None
+        None if no state is smoothed.
+    shown : (k,) array of int or None
+        Epochs whose estimates are kept: evenly spaced ones and the last; None means all epochs.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    time: Array
+    value: Array
+    std: Array
+    innovation: Array
+    nis: Array
+    smoothing: LazyValue[SmoothedStates] | None = None
+    shown: Indices | None = None
+
+    @property
+    def smoothed(self) -> SmoothedStates | None:
+        """The smoothed states; None if no state is smoothed."""
+        return self.smoothing and self.smoothing()
+
+    @property
+    def shown_time(self) -> Array:
+        """Times of the epochs whose estimates are kept, (k,) s."""
+        return self.time if self.shown is None else self.time[self.shown]
+
 
 _FEWEST = 8  # least number of groups for a correlation
 _LEFT = 1e-6  # least variance of a group's mean after the fit; below, the fit determines it

@@ -1,4 +1,4 @@
-"""Tests of a sensor from a table of inputs and readings, on plain arrays.
+"""Test a sensor by a table of inputs and readings, on plain arrays.
 
 The definitions are those of IEEE Std 528. K is the slope of the straight line y = c + K x, which is
 fitted by least squares with equal weights to all rows; full scale is the largest input.
@@ -13,15 +13,14 @@ fitted by least squares with equal weights to all rows; full scale is the larges
 
       y = level(x) − ½ s h (1 − u²),     s = ±1 for a rising or falling input, u = −1 … 1
 
-  The loop closes at its ends. Each input has a level of its own, so nonlinearity has no effect;
+  The loop closes at its ends. Each input has its own level, so nonlinearity has no effect.
 
 The covariance of the readings includes the errors of the bench, so its hysteresis, its settling and
 the errors of its inputs are nuisances of every estimate.
 
-An effect is detected if it is three standard uncertainties from zero. If it is not detected, its
-upper limit at 95 % is stated. If χ² of the hysteresis is improbably large, its uncertainty is
-enlarged to make it probable (Birge). `inercal.estimation.response_band` has the tests with small
-inputs.
+An effect is detected if it is three standard uncertainties from zero. Otherwise its upper limit at
+95 % is stated. If χ² of the hysteresis is improbably large, its uncertainty is enlarged to make it
+probable (Birge). `inercal.estimation.response_band` has the tests with small inputs.
 """
 
 # pyright: reportMissingTypeStubs=false

@@ -1,4 +1,4 @@
-"""Compiled kernels for a Kalman filter with few coupled states, and for its smoother.
+"""Run a Kalman filter with few coupled states, and its smoother, in compiled kernels.
 
 The first k of the n states have a dense transition; each of the others decays independently::
 
@@ -30,8 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
-from inercal.estimation.kernel_options import kernel, kernel_step
-from inercal.estimation.kernel_records import record
+from inercal.estimation.kernel_options import kernel, kernel_step, record
 
 
 @record
@@ -74,7 +73,7 @@ def allocate_steps(epochs: int, n: int, k: int, m: int, wanted: Array) -> Filter
 
 @record
 class SmootherState(NamedTuple):
-    """The smoother's state, carried from the last epoch to the first, and its work arrays."""
+    """The state of the smoother, which runs backwards over the epochs, and its work arrays."""
 
     by: Array  # (n,), λ
     large: Array  # (n, n), Λ

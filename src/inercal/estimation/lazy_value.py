@@ -1,4 +1,4 @@
-"""Values that are computed at their first use and then stored."""
+"""Compute values when they are first used, and then store them."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Generic, TypeVar

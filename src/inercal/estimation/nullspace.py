@@ -1,4 +1,4 @@
-"""Observability analysis: the rank, the singular values, and undetermined directions in words.
+"""Analyse observability: the rank, the singular values, and which directions are undetermined.
 
 The whitened Jacobian is expressed in units of each parameter's typical size. A singular value is
 then the change of the observations, in noise standard deviations, for a move of one typical size.
@@ -56,7 +56,7 @@ UNKNOWN = Observability(0, np.zeros(0), (), None)
 def observability(system: WhitenedProblem, point: LinearisationPoint) -> Observability:
     """Return which directions the data determine at a point in the first trial.
 
-    Priors on wanted parameters do not make a direction observed, but they may determine it.
+    A prior on a wanted parameter does not make a direction observed, but it may determine it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Compiled kernels for the effect of omitted constants on a Kalman filter's innovations.
+"""Compute the effect of omitted constants on a Kalman filter's innovations, in kernels.
 
 Let a constant q that is not a filter state add d q to the states at each epoch and c q to the
 observations. The filter's estimates are then biased by U q, and its innovations by S q (Friedland's

@@ -1,4 +1,4 @@
-"""Threshold, resolution and dead band of a sensor from small inputs about a centre.
+"""Find the threshold, resolution and dead band of a sensor from small inputs about a centre.
 
 The readings follow one of three laws of response R of half width d::
 
@@ -149,7 +149,7 @@ class _SmallSeries:
         return (white - self.basis @ (self.basis.T @ white)).T
 
     def chi2(self, read: Array, response: Array) -> Array:
-        """Return χ² with the best K for readings and responses, (k, n) or (1, n), without bias."""
+        """Return χ² with the best K, for readings and responses without bias, (k, n) or (1, n)."""
         weight = self.slope_sd**-2
         product = np.sum(response * read, axis=1) + self.slope * weight
         known = np.sum(read**2, axis=1) + self.slope**2 * weight
@@ -281,7 +281,7 @@ def _search(
 def distribution(
     values: Array, share: Array, *, detected: bool = True, detectable: float = nan
 ) -> Figure:
-    """Return the figure of values with these weights."""
+    """Return the characteristic of values with these weights, as mean and interval."""
     values, share = (one.ravel() for one in np.broadcast_arrays(values, share))
     order = np.argsort(values, kind="stable")
     values, share = values[order], share[order] / share.sum()

@@ -1,4 +1,4 @@
-"""The results of an estimator: values, their covariance, and tests of the model.
+"""Store the results of an estimator: values, their covariance, and tests of the model.
 
 χ² is the sum over the whitened residuals of the observations and of the priors. Its degrees of
 freedom are observations + prior rows + gauge rows − parameters. If χ² exceeds its 95 % bound, noise
@@ -14,11 +14,10 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
-from inercal.estimation.filter_history import FilterHistory
+from inercal.estimation.innovations import FilterHistory
 from inercal.estimation.lazy_value import LazyValue
-from inercal.estimation.noise_scale import WhitenedRows
 from inercal.estimation.nullspace import NullDirection
-from inercal.estimation.residual_scatter import ScatterModel
+from inercal.estimation.residual_scatter import ScatterModel, WhitenedRows
 from inercal.estimation.scores import (
     NO_SCORE_TESTS,
     ModelTest,

@@ -1,8 +1,8 @@
-"""Score tests, which show whether parameters that were not estimated explain the residuals.
+"""Test whether parameters that were not estimated explain the residuals (score tests).
 
 Let r be the whitened residual at the solution, for observations and priors together, and J its
-Jacobian. A parameter δ that the problem omits adds c δ to the observations. The estimator absorbs
-the part of c that lies in the span of the columns of J, and r contains the rest::
+Jacobian. If the problem omits a parameter δ, this parameter adds c δ to the observations. The
+estimator absorbs the part of c that lies in the span of the columns of J, and r contains the rest::
 
     c' = (1 − J J⁺) c        t = c'·r / |c'|                 N(0, 1) where δ = 0
     δ̂ = c'·r / |c'|²         sd(δ̂) = 1 / |c'|
@@ -127,7 +127,7 @@ def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: f
 
 
 class UnlikeTrials(Exception):
-    """Some trials have other candidates than the others, so they must be tested one by one."""
+    """The trials do not all have the same candidates, so they must be tested one by one."""
 
 
 def of_all_trials(mask: Bools) -> Bools:

@@ -1,4 +1,4 @@
-"""Tests within sections for changes, correlated noise and a common trend.
+"""Test sections for changes, correlated noise and a common trend within them.
 
 A section of T seconds is divided into batches of equal length. Haar contrasts compare the batch
 means y: the first half with the second (level 1), then the two halves of each half (level 2), and
@@ -138,9 +138,9 @@ def haar_contrasts(section: Array, seconds: float) -> Contrasts:
     """
     n = len(section)
     count = _BATCHES if n >= _FEW_SAMPLES else _FEW_BATCHES
-    edges = np.arange(count) * n // count
+    edges = np.arange(count + 1) * n // count
     off = section - section[0]  # exactly zero if nothing changes
-    means = np.add.reduceat(off, edges, axis=0) / np.diff(edges, append=n)[:, None]
+    means = np.add.reduceat(off, edges[:-1], axis=0) / (edges[1:] - edges[:-1])[:, None]
     rounding = _ROUNDING * np.abs(section).max(axis=0)
     means = np.where(np.ptp(means, axis=0) > rounding, means, 0.0)
     size = np.sqrt(n / count)
@@ -258,12 +258,13 @@ def _changes(
         coarse = one.levels[:COARSE_LEVELS]
         shape = by.contrast_variance_ratio(block_durations(one.seconds, len(coarse)))
         # Both blocks have one rounding error each.
-        of_steps = 0.5 * one.samples * steps[used] / size[used] ** 2
+        unit = size[used] ** 2
+        of_steps = 0.5 * one.samples * steps[used] / unit
         for place, (level, part) in enumerate(zip(coarse, shape.tolist(), strict=True)):
-            square = np.mean((level[:, used] / size[used]) ** 2, axis=0)
-            p = scipy.special.fdtrc(len(level), dof, square / (white * part + of_steps))
-            variances = np.sum(level[:, used] ** 2, axis=0) / 2**place / one.samples
-            found += _tests_of_channels(p, r, used, "change", variances)
+            power = np.sum(level[:, used] ** 2, axis=0)
+            ratio = power / len(level) / unit / (white * part + of_steps)
+            p = scipy.special.fdtrc(len(level), dof, ratio)
+            found += _tests_of_channels(p, r, used, "change", power / 2**place / one.samples)
     return found
 
 
@@ -285,13 +286,10 @@ def _changes_by_other_sections(
                     rest / max(others, 1), SMALLEST_VARIANCE
                 )
                 p = float(scipy.special.fdtrc(count, others, ratio)) if others else 1.0
-                found.append(_DisturbanceTest(p, r, k, "change", _change_variance(one, place, k)))
+                power = float(np.sum(one.levels[place][:, k] ** 2))
+                variance = power / 2**place / one.samples  # squared shift of the mean
+                found.append(_DisturbanceTest(p, r, k, "change", variance))
     return found
-
-
-def _change_variance(one: Contrasts, place: int, k: int) -> float:
-    """Return the squared shift of the mean due to a change in a half or quarter of a section."""
-    return float(np.sum(one.levels[place][:, k] ** 2)) / 2**place / one.samples
 
 
 def _bursts(

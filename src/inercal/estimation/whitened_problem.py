@@ -1,4 +1,4 @@
-"""A problem in the form that solvers need: whitened, with priors as rows and gauges as a basis.
+"""Bring a problem to the form that solvers need: whitened, with priors as rows, gauges as a basis.
 
 The free coordinates t determine the parameters through x = x₀ + B t. Without gauges B is the
 identity. With gauges C x = d its columns span the null space of C (scaled), so every x satisfies
@@ -15,8 +15,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, row_products
 from inercal.basics.errors import InputError
-from inercal.estimation.priors_and_gauges import cholesky
-from inercal.estimation.problem import Problem
+from inercal.estimation.problem import Problem, cholesky
 
 
 def column_lengths(matrix: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Loss of accuracy in an export: the target's correction compared with `Calibration.correct`.
+"""Find the loss of accuracy in an export: compare its correction with `Calibration.correct`.
 
 The calibration's own model computes the output for motions that fill the calibrated range. The
 error is the motion that the target computes from this output, minus the motion that `correct`
@@ -90,7 +90,7 @@ class Loss:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Motions over the range with their readings and corrections, row by row.
+    """Motions that fill the range, each with its reading and its correction.
 
     Parameters
     ----------

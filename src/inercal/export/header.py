@@ -1,4 +1,4 @@
-"""The explanation in every exported file, in ASCII because some devices support only this."""
+"""Write the explanation in every exported file, in ASCII because some devices need this."""
 
 import textwrap
 import unicodedata
@@ -138,7 +138,7 @@ def _frame_text(model: ExportModel) -> str:
 
 
 def feed_text(model: ExportModel, rendering: Rendering) -> str:
-    """Say which components a sensor does not measure and what to feed; "" if there are none."""
+    """Say which components a sensor does not measure and what to pass instead; "" if none."""
     minus = ["-" * (sign < 0) for sign in model.joined("signs").tolist()]
     name = [m + c.removeprefix(UNMEASURED) for m, c in zip(minus, model.channels, strict=True)]
     missing = [k for k in range(len(name)) if k not in model.inputs]

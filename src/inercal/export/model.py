@@ -1,4 +1,4 @@
-"""A calibration as matrices and biases for triads of axes, in the axes of an export target.
+"""Express a calibration as matrices and biases for triads, in the axes of an export target.
 
     y = M f + b + Σ b_k ΔT^k              accelerometers, m/s²
     y = G ω + A f + b + Σ b_k ΔT^k        gyros, rad/s

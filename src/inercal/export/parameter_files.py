@@ -1,4 +1,4 @@
-"""Parameters of a flight controller, in all formats that ground stations write.
+"""Read the parameters of a flight controller in all formats that ground stations write.
 
 A line contains the name of a parameter and then its value, separated by commas, equals signs or
 white space. Mission Planner writes `NAME,VALUE`, and MAVProxy writes `NAME VALUE`. QGroundControl

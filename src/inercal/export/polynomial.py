@@ -1,4 +1,4 @@
-"""A correction as code: matrix, nonlinear terms, temperature terms and number of passes.
+"""Write a correction as code: matrix, nonlinear and temperature terms, and number of passes.
 
 With y = M x + b + n(x, ΔT), in the sensor's own output units s y + o, the motion x is the limit of
 

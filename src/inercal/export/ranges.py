@@ -1,4 +1,4 @@
-"""Ranges over which an export is compared with its calibration, and motions that fill them."""
+"""Choose the ranges over which an export is compared with its calibration, and fill them."""
 
 from dataclasses import dataclass, replace
 from itertools import product
@@ -17,6 +17,7 @@ from inercal.physics.quantities import KINDS, Measures
 from inercal.physics.sensors import G0
 
 Range = tuple[float, float]
+_UNITS = {"force": "m/s²", "rate": "rad/s", "temperature": "K", "field": "T"}
 NAMES: dict[Measures, Literal["force", "rate", "field"]] = {"f": "force", "w": "rate", "m": "field"}
 _FIELD = 65e-6  # the strongest field of the Earth, T
 _SAMPLES = 10_000
@@ -57,7 +58,7 @@ def calibrated_ranges(
     temperature: Range | None = None,
     field: Range | None = None,
 ) -> Ranges:
-    """Return the stated ranges, those of the calibration's data, or ±1 g, ±1 rad/s and ±65 µT.
+    """Return the stated ranges, else those of the data, else ±1 g, ±1 rad/s and ±65 µT.
 
     Parameters
     ----------
@@ -76,10 +77,8 @@ def calibrated_ranges(
     for name, stated in given.items():
         if stated is not None:
             if not stated[0] < stated[1]:
-                raise InputError(
-                    f"{name} from {stated[0]:g} to {stated[1]:g}: give the lower end first",
-                    key=name,
-                )
+                shown = f"{stated[0]:g} to {stated[1]:g} {_UNITS[name]}"
+                raise InputError(f"{name} from {shown}: give the lower end first", key=name)
             known[name] = stated
     if temperature is not None:
         require_inside(

@@ -1,4 +1,4 @@
-"""Import of calibrations made by other programs as a `Calibration` without covariance.
+"""Import calibrations made by other programs as a `Calibration` without covariance.
 
 Such files state no uncertainties, so the covariance is zero, and a note in the calibration says so.
 `inercal compare` therefore compares differences only with the U of the other calibration. Each

@@ -1,4 +1,4 @@
-"""Calibration of a batch of sensors by a worker, which continues if a sensor fails."""
+"""Calibrate a batch of sensors in a worker, which continues if a sensor fails."""
 
 import re
 import traceback
@@ -162,12 +162,8 @@ def failed_row(
             digest = file_sha256(folder / work.row.recording)
     # The message is one line, without the folder, because all sensors have the same folder.
     text = re.sub(rf"(?<![\w/.]){re.escape(f'{folder}/')}", "", error)[:_ONE_LINE]
-    return _common(work, digest) | {
-        "status": status,
-        "error": text,
-        "error_type": error_type,
-        "traceback": trace,
-    }
+    found = {"status": status, "error": text, "error_type": error_type, "traceback": trace}
+    return _common(work, digest) | found
 
 
 def _common(work: Work, recording_sha256: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Trends and differences in a fleet: contrasts aᵀy, whose variance allows for production lots.
+"""Find trends and differences in a fleet: contrasts aᵀy, whose variance allows for lots.
 
 Sensors from one production lot are similar, so they provide less information than independent
 sensors. The variance of a contrast is therefore::

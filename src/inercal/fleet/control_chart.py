@@ -1,10 +1,10 @@
-"""Control charts for each station: χ²/ν of the residuals over time.
+"""Compute a control chart for each station: χ²/ν of the residuals over time.
 
 The residuals do not depend on the sensors' coefficients, so their scatter shows errors of the table
 or the fixture, and the noise. A point is the sum of χ² over consecutive runs, divided by the sum of
-ν. The limits are around the median of all runs. With a probability of 0.27 %, one or more points
-are beyond them by chance. If the stated noise is too large for all sensors, the fleet is still in
-control, but the centre is not 1.
+ν. The limits are around the median of all runs. The probability that any point is beyond them by
+chance is 0.27 %. If the stated noise is too large for all sensors, the fleet is still in control,
+but the centre is not 1.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false

@@ -1,4 +1,4 @@
-"""Export of fleet results: one table with a row per sensor, or one file per sensor."""
+"""Export the results of a fleet: one table with a row per sensor, or one file per sensor."""
 
 import csv
 import math
@@ -178,7 +178,7 @@ def export_files(
             if row["status"] != results.DONE:
                 without[row["id"]] = row["error"] or row["status"]
                 continue
-            path = _sensor_file(out, row["id"], target.file_suffix)
+            path = out / f"{row['id']}{target.file_suffix}"
             if path.exists() and not force:
                 raise InputError(
                     f"{path} already exists; give another folder, or use --force", file=path
@@ -232,12 +232,6 @@ def sensor_calibration(line: Line, folder: Path, name: str) -> Calibration:
     if found["status"] != results.DONE:
         raise InputError(f"sensor {name!r} was not calibrated: {found['error']}").located(folder)
     return marked_as_outdated(parse(found["calibration"], name), found[OUTDATED])
-
-
-def _sensor_file(out: Path, name: str, suffix: str) -> Path:
-    if Path(name).name != name or name in (".", ".."):
-        raise InputError(f"sensor {name!r}: its id cannot be used as a file name", names=(name,))
-    return out / f"{name}{suffix}"
 
 
 def _from_columns(row: SensorRow, columns: Mapping[str, str]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Figures for a fleet: histograms, running quantiles and control charts.
+"""Draw the figures for a fleet: histograms, running quantiles and control charts.
 
 The size of the figures does not grow with the number of sensors.
 """

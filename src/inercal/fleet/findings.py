@@ -1,4 +1,4 @@
-"""Conclusions from the statistics of a fleet, as sentences and as a JSON object."""
+"""Express the conclusions from the statistics of a fleet as sentences and as a JSON object."""
 
 from collections.abc import Sequence
 from math import inf, isfinite, isnan
@@ -22,7 +22,7 @@ def summary_lines(found: statistics.FleetStatistics) -> tuple[str, list[str]]:
 
 
 def _findings(found: statistics.FleetStatistics) -> list[str]:
-    texts: list[str] = []
+    texts = found.population.status.attention_lines()
     if found.population.outdated:
         outdated = format_count(found.population.outdated, "result is", "results are")
         texts.append(f"{outdated} outdated; calibrate the line again")
@@ -72,6 +72,8 @@ def statistics_object(found: statistics.FleetStatistics) -> dict[str, object]:
         "sensors": len(population.ids),
         "left_out": population.left_out,
         "outdated": population.outdated,
+        "unreliable": dict(population.status.unreliable),
+        "same_recording": [list(names) for names in population.status.same_recording],
         "coefficients": [_coefficient_object(one) for one in found.coefficients],
         "lots": _group_objects(found.lots, population.names),
         "stations": _group_objects(found.stations, population.names),

@@ -1,4 +1,4 @@
-"""Selection of the valid result for each sensor.
+"""Select the valid result for each sensor.
 
 If a sensor has several results, a result from the current run file and recording is preferred.
 Among the others, a calibration is preferred to a failure, and then the latest generation is

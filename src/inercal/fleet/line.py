@@ -1,4 +1,4 @@
-"""A production line in a folder: a template for run files, and a table of sensors.
+"""Read a production line from a folder: a template for run files, and a table of sensors.
 
 ::
 
@@ -246,6 +246,10 @@ def _read_rows(path: Path) -> list[SensorRow]:
         if not (name and recording):
             empty = ID if not name else RECORDING
             raise InputError(f"{path}: {where}: column {empty} is empty", file=path, names=(empty,))
+        if Path(name).name != name or name == "..":
+            raise InputError(
+                f"{where}: id {name!r} cannot be used as a file name; remove each /", names=(name,)
+            ).located(path)
         if name in seen:
             raise InputError(
                 f"{where}: id {name!r} is already used in {seen[name]}; each sensor has one row",

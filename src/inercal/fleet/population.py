@@ -1,4 +1,4 @@
-"""The calibrated sensors of a line as arrays, for the statistics."""
+"""Collect the calibrated sensors of a line as arrays, for the statistics."""
 
 import json
 from collections import Counter
@@ -19,13 +19,13 @@ from inercal.estimation.uncertainty.conformity import RESULTS, DecisionRule
 from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import Line
+from inercal.fleet.status import STATUS_COLUMNS, LineStatus, rows_status
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 _COLUMNS = (
-    "status", "grade", "lot", "station", "measured", "coefficients", "value", "std", "chi2", "dof",
-    "conformity",
+    *STATUS_COLUMNS, "lot", "station", "measured", "coefficients", "value", "std", "chi2", "dof",
 )  # fmt: skip
 _DAY = 86_400.0  # s
 
@@ -78,6 +78,8 @@ class Population:
         Number of sensors that are not included in the arrays, by reason.
     outdated : int
         Number of results that a new calibration might change.
+    status : LineStatus
+        Status of all sensors of the line.
     """
 
     ids: tuple[str, ...]
@@ -94,6 +96,7 @@ class Population:
     judged: tuple[DecisionRule, dict[str, int]] | None
     left_out: dict[str, int]
     outdated: int
+    status: LineStatus
 
 
 def read_population(line: Line, folder: Path) -> Population:
@@ -111,6 +114,7 @@ def read_population(line: Line, folder: Path) -> Population:
         There are no results, or no sensor has a calibration.
     """
     table = latest_results(line, folder, _COLUMNS)
+    whole = table.drop_columns(["value", "std"]).to_pylist()
     place = {row.id: k for k, row in enumerate(line.rows)}
     known = [place.get(name, -1) for name in table["id"].to_pylist()]
     status, sets = table["status"].to_pylist(), table["coefficients"].to_pylist()
@@ -152,6 +156,7 @@ def read_population(line: Line, folder: Path) -> Population:
         judged,
         _left_out(len(line.rows), known, status, done, len(rows)),
         sum(map(bool, table[OUTDATED].to_pylist())),
+        rows_status(line, whole),
     )
 
 

@@ -1,4 +1,4 @@
-"""Recordings of a fleet: files in a folder, or objects in a store."""
+"""Find the recordings of a fleet, which are files in a folder or objects in a store."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from inercal.basics.errors import InputError, require_extra
 
 @dataclass(frozen=True)
 class Version:
-    """Version of a recording, which shows whether the recording changed without reading it.
+    """Version of a recording, which shows that it changed without the need to read it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""HTML page with the statistics of a fleet."""
+"""Write the HTML page with the statistics of a fleet."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Results of a fleet: Parquet files (parts), each written once and named after its content.
+"""Store the results of a fleet in Parquet files (parts), each written once.
 
 Each row is the result for one sensor, which may be a failure. The key of a row is a hash of the
 recording, the completed run file and the version of inercal. A fleet has no other state: sensors in

@@ -1,4 +1,4 @@
-"""A station of a line, which calibrates each recording as soon as it arrives in a folder."""
+"""Calibrate each recording at a station of a line as soon as it arrives in a folder."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""Statistics over the sensors of a line: their true scatter, capability and yield.
+"""Compute statistics over the sensors of a line: their true scatter, capability and yield.
 
 The scatter of the values includes their uncertainties, so the standard deviation of the true values
 is √(sd² − mean u²). `inercal.estimation.uncertainty.components` computes the components between and

@@ -1,4 +1,4 @@
-"""Progress of a line: sensors by status and grade, and reasons for missing results."""
+"""Report the progress of a line: sensors by status and grade, and why results are missing."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -6,13 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from inercal.basics.units import format_count
 from inercal.calibration.grade import GRADE_WORDS
 from inercal.estimation.uncertainty.conformity import RESULTS
 from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_results
-from inercal.fleet.line import Line
+from inercal.fleet.line import RECORDING, Line
 
 _NAMES = 1000  # largest number of sensors listed for a reason
+_LINES, _NAMED = 10, 3  # largest number of printed lines of a kind, and of sensors in a line
+STATUS_COLUMNS = ("error", "grade", "conformity", "verdict")
+"""Columns that `rows_status` needs in addition to those that decide which result is valid."""
 
 
 @dataclass(frozen=True)
@@ -31,12 +35,18 @@ class LineStatus:
         no limits. Unreliable results are not counted.
     outdated : mapping of str to str
         Reasons why a new calibration might give a different result, by sensor id.
+    unreliable : mapping of str to str
+        The main reason why a result is not to be relied on, by sensor id.
+    same_recording : sequence of (sequence of str)
+        Ids of sensors that were calibrated from the same columns of identical recordings.
     """
 
     counts: Mapping[str, int]
     reasons: Sequence[tuple[str, Sequence[str]]]
     conformity: Mapping[str, int]
     outdated: Mapping[str, str]
+    unreliable: Mapping[str, str]
+    same_recording: Sequence[Sequence[str]]
 
     def as_object(self) -> dict[str, Any]:
         """Return the status as a JSON object."""
@@ -46,7 +56,38 @@ class LineStatus:
             "conformity": dict(self.conformity),
             "outdated": len(self.outdated),
             "reasons": listed,
+            "unreliable": dict(self.unreliable),
+            "same_recording": [list(names) for names in self.same_recording],
         }
+
+    def attention_lines(self) -> list[str]:
+        """Return lines that name sensors without a reliable result, and repeated recordings."""
+        bad = [f"{name} is not to be relied on: {why}" for name, why in self.unreliable.items()]
+        alike = [
+            f"{_some(names)} have the same recording; check the column {RECORDING}"
+            for names in self.same_recording
+        ]
+        failed = [f"{_some(names)}: {reason}" for reason, names in self.reasons]
+        return [
+            *_first(failed, "reason for a missing result", "reasons for missing results"),
+            *_first(bad, "sensor is not to be relied on", "sensors are not to be relied on"),
+            *_first(
+                alike, "recording is used more than once", "recordings are used more than once"
+            ),
+        ]
+
+
+def _some(names: Sequence[str]) -> str:
+    """Return the first names of a list, and the number of the others."""
+    if len(names) > _NAMED:
+        return f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more"
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def _first(lines: Sequence[str], one: str, several: str) -> list[str]:
+    more = len(lines) - _LINES
+    return [*lines[:_LINES], *([f"{format_count(more, f'more {one}', f'more {several}')}"]
+                               if more > 0 else [])]  # fmt: skip
 
 
 def line_status(line: Line, out: Path | None = None) -> LineStatus:
@@ -59,8 +100,11 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
         Folder with the results; by default `fleet` in the line's folder.
     """
     folder = line.folder / results.FOLDER if out is None else out
-    columns = ("error", "grade", "conformity")
-    rows = latest_results(line, folder, columns).to_pylist()
+    return rows_status(line, latest_results(line, folder, STATUS_COLUMNS).to_pylist())
+
+
+def rows_status(line: Line, rows: Sequence[Mapping[str, Any]]) -> LineStatus:
+    """Return the status of a line from its valid results (`latest_results`)."""
     counts: Counter[str] = Counter()
     reasons: dict[str, list[str]] = {}
     exact: dict[str, str] = {}
@@ -86,7 +130,25 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
     )
     conformity = {result: judged[result] for result in RESULTS if judged[result]}
     shown = {what: n for what, n in counts.items() if n}
-    return LineStatus(shown, ranked, conformity, outdated)
+    unreliable = {
+        row["id"]: row["verdict"].partition("\n")[0].partition(": ")[2].removesuffix(".")
+        for row in rows
+        if row["grade"] == "unreliable"
+    }
+    alike = _same_recording(line, rows)
+    return LineStatus(shown, ranked, conformity, outdated, unreliable, alike)
+
+
+def _same_recording(line: Line, rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Return the sensors with identical recordings; one recording may have columns for several."""
+    done = {row["id"]: row["recording_sha256"] for row in rows if row["status"] == results.DONE}
+    uses = Counter(done.values())
+    alike: dict[tuple[str, str], list[str]] = {}
+    for sensor in line.rows:
+        if uses[content := done.get(sensor.id, "")] > 1:
+            columns = repr({**line.sections(sensor)["data"], "file": ""})
+            alike.setdefault((content, columns), []).append(sensor.id)
+    return [names for names in alike.values() if len(names) > 1]
 
 
 def _common_reason(row: Mapping[str, Any]) -> str:

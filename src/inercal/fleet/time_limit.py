@@ -1,4 +1,4 @@
-"""Time limit for a sensor, stated by the user or computed from the times of other sensors."""
+"""Limit the time for a sensor, as the user states or by the times of other sensors."""
 
 from collections.abc import Sequence
 

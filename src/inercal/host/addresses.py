@@ -1,4 +1,4 @@
-"""Addresses of tables and IMUs: an address names a link, the kind of device, and settings.
+"""Connect to tables and IMUs by addresses, which name a link, the kind of device, and settings.
 
     pmac://192.168.0.5:1025?motors=1,2,3&counts=3600000     axes from outer to inner; counts per
                                                             turn, one for all or one per axis,
@@ -8,8 +8,8 @@
     serial:/dev/ttyUSB0?preset=xsens&baud=921600            an IMU; `preset` is one of `PRESETS`
     tcp://127.0.0.1:40123?layout=own.toml                   an IMU; `layout` is your own file
 
-All other parameters after `?` belong to the link. Other packages add kinds of tables and links by
-entry points (`inercal.tables`, `inercal.links`).
+All other parameters after `?` belong to the link. Other packages can add kinds of tables and links
+through the entry points (`inercal.tables`, `inercal.links`).
 """
 
 from __future__ import annotations

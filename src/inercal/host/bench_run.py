@@ -1,4 +1,4 @@
-"""The main loop of a run on a bench, from the first command until the table is at rest.
+"""Run the main loop of a bench, from the first command until the table is at rest.
 
 The loop runs every 20 ms of bench time, or every 80 ms while the table holds its position::
 

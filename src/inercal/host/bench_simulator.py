@@ -1,4 +1,4 @@
-"""A simulated bench for a host: table and IMU are separate processes with real connections."""
+"""Simulate a bench for a host: table and IMU are separate processes with real connections."""
 
 import os
 import subprocess

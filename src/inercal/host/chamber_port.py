@@ -1,4 +1,4 @@
-"""The connection between a run and a chamber, which never delays the run."""
+"""Connect a run to a chamber in such a way that the chamber never delays the run."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor

@@ -1,4 +1,4 @@
-"""The clock of a run: the host's monotonic clock, or the clock of a simulated bench.
+"""Keep the time of a run, by the host's monotonic clock or the clock of a simulated bench.
 
 The clock does not use UTC. Setting the date of the host therefore changes no time in a run, not
 even in a resumed run.

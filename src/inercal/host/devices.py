@@ -218,7 +218,7 @@ def table_lines(table: TableConnection) -> list[str]:
             + (f"; {', '.join(axis.faults)}" if axis.faults else "")
         )
     if isfinite(table.wrap_period):
-        lines.append(f"  its clock wraps around after {table.wrap_period:.0f} s")
+        lines.append(f"  the clock of the table wraps around after {table.wrap_period:.0f} s")
     return lines
 
 

@@ -1,4 +1,4 @@
-"""Interruptions of a run: the current reasons to pause it, and reasons to end it."""
+"""Tracks the interruptions of a run: the current reasons to pause it, and reasons to end it."""
 
 from collections.abc import Callable
 from math import inf

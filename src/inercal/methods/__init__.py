@@ -90,7 +90,7 @@ class Sequential(Protocol):
 
 
 class SequentialEstimator(Protocol[BenchIn, StepIn]):
-    """Creates a sequential estimator for a run."""
+    """Function that creates a sequential estimator for a run."""
 
     def __call__(
         self,
@@ -200,7 +200,7 @@ def triangular_frame(bench: object) -> "Frame":
 
 @dataclass(frozen=True, kw_only=True)
 class Method(MethodBase, Generic[Bench, Step]):
-    """A calibration method: extends `MethodBase`, the part that the data readers use.
+    """A calibration method, which extends `MethodBase`, the part that the data readers use.
 
     Parameters
     ----------

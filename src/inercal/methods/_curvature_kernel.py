@@ -1,4 +1,4 @@
-"""Kernel for the moments of the second-order terms of `hand_likelihood`, for many trials."""
+"""Compute the moments of the second-order terms of `hand_likelihood` for many trials."""
 # Numba's decorator has no type annotations.
 # pyright: reportUntypedFunctionDecorator=false
 

@@ -1,4 +1,4 @@
-"""Candidates for score tests: errors that a problem of means omits or treats as known.
+"""List candidates for score tests: errors that a problem of means omits or treats as known.
 
 The candidates come from an extended problem. This problem uses the same observations, and every
 coefficient in the sensor's table and every declared parameter of the bench is free. The Jacobian of
@@ -34,7 +34,8 @@ _SHARED_SCOPES = ("run", "speed", "mounting", "pass")
 # SI per SI unit: the rounding error of an effect that cancels over whole turns
 _ROUNDING_LIMIT = 1e-12
 # rad: somebody may mistake north for south or east; harmonics of an encoder are always small.
-_LARGEST_ANGLES = {"azimuth": np.pi, "latitude": np.pi / 2}
+# Readings of an autocollimator may be in mrad instead of ″.
+_LARGEST_ANGLES = {"azimuth": np.pi, "latitude": np.pi / 2, "autocollimator scale": 300.0}
 _LARGEST_HARMONIC = 0.01
 _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 
@@ -321,7 +322,7 @@ def _largest_departure(parameter: Parameter) -> float:
 
 
 def largest_angle(name: str, otherwise: float = LARGEST_RELATIVE_SIZE) -> float:
-    """Look up the largest plausible error, rad, of the bench angle with a name."""
+    """Look up the largest plausible error, rad or relative, of the bench angle with a name."""
     if re.match(r"(sin|cos)\d", name):
         return _LARGEST_HARMONIC
     return _LARGEST_ANGLES.get(name, otherwise)

@@ -1,4 +1,4 @@
-"""Estimation problems with readings at the angles of a dividing head.
+"""Build estimation problems from readings at the angles of a dividing head.
 
 The errors of the head are nuisances or zero.
 """
@@ -9,9 +9,10 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.parameters import Parameter
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
 from inercal.benches.dividing_head.bench import position_plan as on_head
-from inercal.benches.dividing_head.head_angles import sensor_angles
+from inercal.benches.dividing_head.head_angles import READING_SCALE, sensor_angles
 from inercal.benches.dividing_head.passes import drift_ramps, pass_names
 from inercal.estimation import Problem
 from inercal.methods import Priors, mean_problem
@@ -86,6 +87,9 @@ def head_problem(
         for name, parameter in wider.nuisances(steps, sensor).items()
         if name != "lean"  # a second-order effect, so its column would be its own estimate
     }
+    if any(step.reading for step in steps):
+        meaning = "scale of the autocollimator readings"
+        suspects[READING_SCALE] = Parameter(READING_SCALE, "1", 0.0, "run", 0.0, meaning)
     return mean_problem.problem_of_readings(
         observations,
         sensor,

@@ -1,4 +1,4 @@
-"""Calibration of accelerometers and gyros from six positions and three turns.
+"""Calibrate accelerometers and gyros from six positions and three turns.
 
 If there are only gyros, the positions are used as stated. In this case no sensor reads the mean
 force during a turn, so the force is assumed to be gravity along the axis.
@@ -26,10 +26,9 @@ from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import Hand
 from inercal.estimation import Estimate
 from inercal.estimation.uncertainty import propagate
-from inercal.methods import Method, Priors, estimator_inputs
+from inercal.methods import Method, Priors, solving
 from inercal.methods.hand_likelihood import ml
-from inercal.methods.likelihood_tests import noise_only_estimate, with_problem_tests
-from inercal.methods.order_effects import order_remarks
+from inercal.methods.order_effects import noise_only_estimate, order_remarks, with_problem_tests
 from inercal.physics.plan import HandSteps, Turn, ferraris_plan
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
@@ -47,7 +46,7 @@ def classical(
     NotObserved
         A position or a turn is missing.
     """
-    estimator_inputs.require_plain_means(observations, sensor, priors, "classical", "ml")
+    solving.require_plain_means(observations, sensor, priors, "classical", "ml")
     if missing := tuple(step.label for step in steps if step.label not in observations.labels):
         raise NotObserved(
             "estimator classical needs every position and turn, but the recording does not contain "
@@ -61,7 +60,7 @@ def classical(
             f"{', '.join(again)}; use estimator ml",
             names=again,
         )
-    estimator_inputs.refuse_tilted_form(sensor, "classical", "ml")
+    solving.refuse_tilted_form(sensor, "classical", "ml")
     if not sensor.select_axes("f").axes:
         raise InputError(
             "estimator classical needs accelerometers, but the sensor has none; use estimator ml",

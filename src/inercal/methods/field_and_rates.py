@@ -1,4 +1,4 @@
-"""Magnetometers in continuous motion, from the field and the gyros, without rests.
+"""Calibrate magnetometers in continuous motion, from the field and the gyros, without rests.
 
 The field is constant in space and the gyros give the rotation between samples. Together they
 determine the three axes and offsets of the magnetometer in the frame of the gyros, and the gyros'
@@ -10,9 +10,9 @@ coefficients c and with the delay τ of the magnetometer (ψ in the frame of the
 
     ψ = Σ C ∂ω̂/∂c Δt,        ψ = (Cᵀ ω_before − ω_after) τ,        ψ = −R_afterᵀ ω_e T
 
-A coefficient without a prior has a wide one. The direction of the earth's rate ω_e is unknown, and
-so is the attitude R at first. The links are therefore integrated again with the estimate, and at
-times earlier by the estimated delay.
+A coefficient without a stated prior gets a wide one. The direction of the earth's rate ω_e is
+unknown, and so is the attitude R at first. The links are therefore integrated again with the
+estimate, and at times earlier by the estimated delay.
 
 Source: Wu et al., "Dynamic magnetometer calibration and alignment to inertial sensors by Kalman
 filtering", IEEE Trans. Control Systems Technology 26 (2018) 716.
@@ -28,7 +28,7 @@ from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import Hand
 from inercal.estimation import Estimate
-from inercal.estimation.noise_scale import LEAST_RATIO
+from inercal.estimation.residual_scatter import LEAST_RATIO
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
 from inercal.methods.magnetic_field import (
     Directions,
@@ -86,7 +86,7 @@ def prior(
 
 
 def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Remarks]:
-    """Return the magnetometers' coefficients, the gyros' and the delay, and remarks on the field.
+    """Return the coefficients of magnetometers and gyros, the delay, and remarks on the field.
 
     Raises
     ------

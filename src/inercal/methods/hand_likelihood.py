@@ -1,4 +1,4 @@
-"""Maximum-likelihood estimates from the mean readings of positions and turns.
+"""Estimate from the mean readings of positions and turns by maximum likelihood.
 
 The mean reading of each row is compared with the model's reading of the mean motion, which is exact
 for models affine in f and ω. The bench's imperfections are nuisances with their standard deviations

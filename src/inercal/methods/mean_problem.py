@@ -1,4 +1,4 @@
-"""The estimation problem that compares mean readings with the motion that the bench states.
+"""Build the problem that compares mean readings with the motion that the bench states.
 
 The motion is a function of the bench's declared parameters. Parameters with a standard deviation
 are nuisances; the others are exact.
@@ -18,8 +18,8 @@ from inercal.benches import MeanBench, MeanMotion
 from inercal.estimation import Candidate, Estimate, Gauge, Gaussian, Problem
 from inercal.estimation.problem import Linearise, NormalEquationsOf
 from inercal.methods import Priors, candidates, solving, temperature
-from inercal.methods.estimator_inputs import require_matching_rows
 from inercal.methods.residuals import VectorEquations, vector_residuals
+from inercal.methods.solving import require_matching_rows
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 

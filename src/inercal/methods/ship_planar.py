@@ -1,4 +1,4 @@
-"""Calibration of a triad with level mountings on a rate table by linear least squares.
+"""Calibrate a triad with level mountings on a rate table by linear least squares.
 
 Let a be the readings and f the specific force that the bench states. For each axis separately::
 
@@ -27,7 +27,7 @@ from inercal.basics.units import format_value_and_uncertainty
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import PLANES, is_tilted, planar_plan
 from inercal.estimation import Estimate, NullDirection
-from inercal.methods import Fit, Method, Priors, Remarks, estimator_inputs, ship_consistency
+from inercal.methods import Fit, Method, Priors, Remarks, ship_consistency, solving
 from inercal.methods.observability import require_observed
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Spin, Spins
@@ -245,10 +245,10 @@ def planar(
     NotObserved
         The states do not excite an axis; the message states the mounting to add.
     """
-    estimator_inputs.refuse_priors(priors, "planar", "joint of ship_multi_angle")
-    estimator_inputs.refuse_temperature_terms(sensor, "planar", "joint of ship_multi_angle")
+    solving.refuse_priors(priors, "planar", "joint of ship_multi_angle")
+    solving.refuse_temperature_terms(sensor, "planar", "joint of ship_multi_angle")
     require_affine_triad(sensor)
-    estimator_inputs.require_matching_rows(observations, sensor, steps)
+    solving.require_matching_rows(observations, sensor, steps)
     rows = [k for k, step in enumerate(steps) if not is_tilted(step)]
     here = [steps[k] for k in rows]
     require_excitation(bench, here)

@@ -1,4 +1,4 @@
-"""The temperature of rows and samples, in the form that the sensor models use.
+"""Provide the temperature of rows and samples in the form that the sensor models use.
 
 ΔT is computed from the recorded temperature when a problem is built, so benches and estimators do
 not handle temperatures.

@@ -60,11 +60,11 @@ from inercal.benches.dividing_head.passes import SAME_ANGLE, TILT
 from inercal.benches.dividing_head.passes import evenly_spaced_angles as even_angles
 from inercal.estimation import Estimate
 from inercal.estimation.uncertainty import value_and_jacobian
-from inercal.methods import Method, Priors, dividing_head_problem, estimator_inputs, solving
+from inercal.methods import Method, Priors, dividing_head_problem, solving
 from inercal.methods import tumble_harmonics as harmonics
 from inercal.methods.dual_orthogonal import notes as notes_on_sums
-from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed
+from inercal.methods.order_effects import with_tests
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Index, Indexings, small_loop
 from inercal.physics.sensors import G0, Sensor
@@ -153,8 +153,8 @@ def fourier(
         Harmonics fold; the message names their coefficients and says which harmonic folds onto
         which.
     """
-    estimator_inputs.refuse_priors(priors, "fourier", "least_squares")
-    estimator_inputs.require_single_recording(observations, "estimator fourier")
+    solving.refuse_priors(priors, "fourier", "least_squares")
+    solving.require_single_recording(observations, "estimator fourier")
     angle = _checked_angles(observations, sensor, steps)
     terms = [CoefficientName(name).term for name in sensor.coefficients]
     if others := tuple(
@@ -166,10 +166,10 @@ def fourier(
             key="[method]",
             names=others,
         )
-    estimator_inputs.refuse_tilted_form(sensor, "fourier", "least_squares")
+    solving.refuse_tilted_form(sensor, "fourier", "least_squares")
     if [axis.i for axis in sensor.axes] != [(1.0, 0.0, 0.0)]:
         raise InputError(
-            "estimator fourier takes one accelerometer along x; use estimator least_squares",
+            "estimator fourier needs a single accelerometer along x; use estimator least_squares",
             key="[method] estimator",
             names=sensor.channels,
         )
@@ -262,7 +262,7 @@ def _checked_angles(observations: Observations, sensor: Sensor, steps: Indexings
             f"sensor {sensor.name} has no coefficients to estimate; choose coefficients",
             key="[method]",
         )
-    estimator_inputs.require_matching_rows(observations, sensor, steps)
+    solving.require_matching_rows(observations, sensor, steps)
     variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
     positive = (variance > 0).all(axis=-1).reshape(-1, len(observations.labels)).all(axis=0)
     if not positive.all():

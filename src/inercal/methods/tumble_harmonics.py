@@ -1,4 +1,4 @@
-"""Which coefficients the harmonics of a tumble test contain, and which harmonics fold together.
+"""Find which coefficients the harmonics of a tumble test contain, and which harmonics fold.
 
 At n evenly spaced positions θ = θ₀ + 2πk/n the columns 1, sin hθ, cos hθ are orthogonal if
 n ≥ 2m + 1 for the highest harmonic m (IEEE Std 1293), and amplitudes are simple sums::

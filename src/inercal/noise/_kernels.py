@@ -1,4 +1,4 @@
-"""Sums of squared second differences, which take most of the time of an Allan deviation.
+"""Sum squared second differences, which take most of the time of an Allan deviation.
 
 These functions read the cumulative sum only once, whereas NumPy reads it once for each operation.
 """

@@ -27,10 +27,17 @@ from inercal.noise.coefficients import Method
 from inercal.noise.deviations import Deviations, Spacing, deviations
 from inercal.noise.disturbances import Disturbance, find_disturbances
 from inercal.noise.drift_regression import drift_regressors
-from inercal.noise.gap_oadev import fits_grid, gap_oadev, join_deviations
 from inercal.noise.likelihood import NoiseFit
 from inercal.noise.lines import SpectralLine, take_out_lines
-from inercal.noise.pieces import FEWEST, Part, Pieces, split_at_gaps
+from inercal.noise.pieces import (
+    FEWEST,
+    Part,
+    Pieces,
+    fits_grid,
+    gap_oadev,
+    join_deviations,
+    split_at_gaps,
+)
 from inercal.noise.recording_checks import check_rest_units, check_rounding, movement, rounding_step
 from inercal.noise.selection import CANDIDATES
 from inercal.noise.spectrum import Band, Bins, Spectrum, block_means, piece_spectra, remove_band
@@ -67,7 +74,7 @@ def quiet_parts(parts: Sequence[Part], found: Sequence[Disturbance], dt: float) 
 
 
 def walk_remark(channel: ChannelNoise, other: NoiseFit | None, *, kept: bool) -> str:
-    """Return a remark that states K with and without the disturbed times.
+    """Return a remark that states K both with and without the disturbed parts of the recording.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Model of a channel's noise: its terms, the sensor's own filter, and the drift.
+"""Model the noise of a channel: its terms, the sensor's own filter, and the drift.
 
 1. A filter is searched for (`filter_search`). It is accepted if the fit with this filter passes the
    test.
 2. If there is no filter, the terms are fitted to the whole spectrum.
-3. If this fit fails the test, only the band that the terms describe is used (`band_edge`).
+3. If this fit fails the test, only the band that the terms describe is used (`filter_search`).
 4. N, B and K are not reported in two cases: if white noise behind a filter cannot be distinguished
    from bias instability, or if neither a known filter shape nor a band describes the spectrum.
 
@@ -17,14 +17,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.noise.band_edge import band_below
 from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient, NoiseRefusal
 from inercal.noise.coefficients import Method, estimate_coefficients, possible_method, undetermined
 from inercal.noise.cross_checks import Estimates
 from inercal.noise.deviations import Deviations
 from inercal.noise.disturbances import Disturbance
 from inercal.noise.drift_regression import DriftFit, find_drift
-from inercal.noise.filter_search import FilterSearch, apply_filter, find_filter, settled_filter
+from inercal.noise.filter_search import (
+    FilterSearch,
+    apply_filter,
+    band_below,
+    find_filter,
+    settled_filter,
+)
 from inercal.noise.goodness import judge_fit
 from inercal.noise.likelihood import extended, fit_terms
 from inercal.noise.lines import SpectralLine
@@ -51,7 +56,7 @@ _LEAST_WHITE = 0.1  # smallest N over the noise density of all samples
 
 @dataclass(frozen=True, eq=False)
 class ChannelSummary:
-    """Data from which the noise of a channel is determined: spectra, deviations, disturbances.
+    """The spectra, deviations and disturbances from which the noise of a channel is determined.
 
     Parameters
     ----------
@@ -274,8 +279,8 @@ def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
     ):
         return _refused(
             model,
-            "white noise behind a low-pass filter with a low cut-off has the same spectrum as "
-            "a random walk, and no other white noise was found that could distinguish them",
+            "white noise behind a low-pass filter with a low cut-off has the same spectrum as a "
+            "random walk, and there is no other white noise that could distinguish the two",
         )
     return model
 

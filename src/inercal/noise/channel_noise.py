@@ -1,4 +1,4 @@
-"""Result of a noise analysis: coefficients, tests and disturbances of each channel."""
+"""Store the results of a noise analysis: coefficients, tests and disturbances of each channel."""
 
 from dataclasses import dataclass
 from math import inf

@@ -15,11 +15,10 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.units import format_duration
-from inercal.noise.band_edge import ADDED_RELATIVE_U
 from inercal.noise.channel_noise import NoiseCoefficient, coefficient_unit
 from inercal.noise.cross_checks import Estimates, gmwm, slopes, wls_log
 from inercal.noise.deviations import Deviations
-from inercal.noise.filter_search import settled_filter
+from inercal.noise.filter_search import ADDED_RELATIVE_U, settled_filter
 from inercal.noise.likelihood import (
     PROFILE_ONE_SIDED,
     PROFILE_TWO_SIDED,

@@ -1,4 +1,4 @@
-"""Equivalent degrees of freedom (edf) of deviations, 95 % intervals, and the noise type.
+"""Compute equivalent degrees of freedom (edf) and 95 % intervals of deviations.
 
 The edf come from the combined algorithm of Greenhall and Riley (PTTI 2003). The noise type is the
 exponent α in the spectrum S(f) ∝ f^α of y: 2 for quantisation, 0 for white noise, −1 for flicker

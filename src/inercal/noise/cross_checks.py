@@ -1,4 +1,4 @@
-"""Other methods that estimate the same coefficients, for comparison with the likelihood.
+"""Estimate the same coefficients with other methods, to compare them with the likelihood.
 
 - `slopes`: the coefficients are read off the Allan plot from straight lines. B is too large by a
   factor of √(1 + 2NK/(√3·0.4413 B²)), and N at 1 s is too large by √(1 + 0.4413 B²/N² + K²/3N²).

@@ -1,4 +1,4 @@
-"""Allan, modified, Hadamard, time and total deviations from a series of block means.
+"""Compute Allan, modified, Hadamard, time and total deviations from a series of block means.
 
 Let x be the cumulative sum (x[0] = 0, x in units of y Δ) of y, (n,). For an averaging factor m, the
 averaging time is τ = m Δ. Each variance is a mean of squared differences (Riley, NIST SP 1065)::
@@ -9,10 +9,10 @@ averaging time is τ = m Δ. Each variance is a mean of squared differences (Ril
     totdev  like oadev, from the series reflected at both ends
 
 Above m = 1024, only every (m/16)-th difference is used, because neighbouring differences are nearly
-equal. The equivalent degrees of freedom (edf) take this into account. The edf decrease by 0.5 % for
-white and slower noise. For quantisation noise, neighbouring differences are independent, so the edf
-decrease in proportion to the number of differences. With spacing "all", the overlapping Allan
-variance uses all n²/4 differences.
+equal. The equivalent degrees of freedom (edf) take this into account. For white and slower noise,
+this reduces the edf by 0.5 %. For quantisation noise, neighbouring differences are independent, so
+the edf decrease in proportion to the number of differences. With spacing "all", the overlapping
+Allan variance uses all n²/4 differences.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Deterministic drift in the likelihood: a ramp and a dependence on temperature.
+"""Include a deterministic drift in the likelihood: a ramp and a dependence on temperature.
 
     c = X β + e,   E e² = S        L = ½ Σ [ln S + (c − Xβ)²/S] + ½ ln|Xᵀ S⁻¹ X|   (REML)
 

@@ -1,4 +1,4 @@
-"""Maximum-likelihood fit of a sum of noise terms to binned squares of DCT-II coefficients.
+"""Fit a sum of noise terms to binned squares of DCT-II coefficients by maximum likelihood.
 
 The coefficients c_k are nearly independent with variances S_k = Σ_j θ_j e_jk, where θ_j ≥ 0 are the
 squared noise coefficients. With the mean I of w squares in a bin, the negative log-likelihood is

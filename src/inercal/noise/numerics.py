@@ -1,4 +1,4 @@
-"""Typed wrappers for the SciPy functions that the estimators use; imported on first use.
+"""Wrap the SciPy functions that the estimators use; SciPy is only imported when needed.
 
 SciPy has no stubs, and importing its parts takes up to a second.
 """

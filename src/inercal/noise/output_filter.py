@@ -1,4 +1,4 @@
-"""A sensor's own low-pass filter: the possible shapes and their effect on noise.
+"""Describe a sensor's own low-pass filter: its possible shapes and their effect on the noise.
 
 With w = 2π f Δ, the power that the filter passes is::
 

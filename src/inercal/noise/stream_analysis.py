@@ -17,9 +17,8 @@ from inercal.noise.analysis import candidate_models
 from inercal.noise.channel_model import ChannelSummary, conclude
 from inercal.noise.channel_noise import SI_UNIT, NoiseAnalysis, quantity_of
 from inercal.noise.drift_regression import drift_regressors
-from inercal.noise.gap_oadev import join_deviations
 from inercal.noise.lines import take_out_lines
-from inercal.noise.pieces import FEWEST
+from inercal.noise.pieces import FEWEST, join_deviations
 from inercal.noise.recording_checks import check_rest_units
 from inercal.noise.spectrum import Band, remove_band
 from inercal.noise.streaming import StreamedChannel, StreamedMeans
@@ -202,7 +201,7 @@ class NoiseStream:
         if len(self._pieces) > 1:
             remarks.append(
                 f"gaps split the recording into {len(self._pieces)} pieces, each with its own "
-                "likelihood; averaging times go up to the longest piece"
+                "likelihood; averaging times are limited by the longest piece"
             )
         if self._left_out:
             remarks.append(

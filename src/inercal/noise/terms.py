@@ -1,4 +1,4 @@
-"""Terms of sensor noise: spectrum, Allan variance and variogram of each term, and its units.
+"""Define the terms of sensor noise: spectrum, Allan variance, variogram and units of each.
 
 The series y consists of block means over Δ of a rate or an acceleration. For a coefficient of 1, in
 SI::

@@ -1,4 +1,4 @@
-"""Rotations between frames, and two decompositions of a triad's matrix into shape and attitude.
+"""Rotate between frames, and decompose a triad's matrix into shape and attitude in two ways.
 
 vec_a contains a vector's components in frame a; mat_ab transforms them from b to a: vec_a = mat_ab
 vec_b. Every function is batched over leading axes: it accepts `(..., 3)` or `(..., 3, 3)`.

@@ -1,4 +1,4 @@
-"""The terms of the interface, the reports and the public names, with symbols, units and sources.
+"""Define the terms of interface, reports and public names, with symbols, units and sources.
 
 The terms are in `glossary.toml`, and the coefficients come from the coefficient tables.
 docs/reference/glossary.md is the output of ``python -m inercal.physics.glossary``.

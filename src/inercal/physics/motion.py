@@ -1,4 +1,4 @@
-"""The motion at a sensor: specific force, angular rate and acceleration, and the magnetic field.
+"""Describe the motion at a sensor: specific force, angular rate and acceleration, and field.
 
 All vectors are in the sensor's frame. `f` is specific force: an accelerometer at rest reads +g
 along the upward vertical. Arrays may have leading dimensions for trials: `(..., n, 3)`.

@@ -1,4 +1,4 @@
-"""The quantities that an axis can measure: their words, units and coefficient names."""
+"""Define the quantities that an axis can measure: their words, units and coefficient names."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

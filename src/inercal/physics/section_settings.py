@@ -1,4 +1,4 @@
-"""The base classes for the sections of a run file, and the conversion of their quantities to SI.
+"""Define base classes for the sections of a run file, and convert their quantities to SI.
 
 A section is a pydantic model in which values with units are text, such as "60 µg/√Hz". A key has an
 example if its default is None or uninformative; error messages show this example.
@@ -23,6 +23,7 @@ class Limit(NamedTuple):
 
 
 _MIDDLE_LATITUDE = 0.785  # rad
+_EARTH_GRAVITY = (9.76, 9.84)  # m/s², from 9.7639 on Huascarán to 9.8337 on the Arctic Ocean
 _GRAVITY_RANGE = 0.08  # m/s², between the equator, the poles and all inhabited heights
 # The estimators neglect the square of a tilt.
 SMALL_ANGLE = Limit(0.0175, "a bench can tilt, 1°")
@@ -241,10 +242,11 @@ def section_gravity(section: BenchSection) -> Measured:
             return gravity_at_unknown_height(latitude.value)
         return normal_gravity(latitude.value, si_value(section.height, "m", "[bench] height"))
     gravity = measured_constant(section.gravity, "m/s²", "[bench] gravity")
-    if not 9.5 < gravity.value < 10.0:
+    low, high = _EARTH_GRAVITY
+    if not low <= gravity.value <= high:
         raise key_error(
             "[bench] gravity",
-            f"{section.gravity!r} is not possible; give gravity on Earth, 9.76 to 9.84 m/s²",
+            f"{section.gravity!r} is not possible; give gravity on Earth, {low} to {high} m/s²",
         )
     if gravity.sd > _GRAVITY_RANGE:
         raise key_error(

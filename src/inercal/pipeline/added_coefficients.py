@@ -1,4 +1,4 @@
-"""`[method] also = "auto"`: a run adds the coefficients that its score tests find.
+"""Add the coefficients that the score tests of a run find, if `[method] also` is "auto".
 
 The run follows the advice of the verdict as long as two conditions are met: the tests reject the
 model, and the best tested cause is a group of coefficients that the method can estimate. The new

@@ -1,4 +1,4 @@
-"""Advice that is tried before it is given: a run with changed keys is calibrated again.
+"""Try each piece of advice before giving it: calibrate the run again with the changed keys.
 
 A change is not advised if it causes an error in the run file, the plan or the data, or if χ²
 decreases by far less than the cause should explain. Advice on undetectable coefficients is not
@@ -254,7 +254,7 @@ class RunAdvisor:
 
 
 def changed_run(run: Run, changes: tuple[Change, ...]) -> Run:
-    """Return a run with changed keys; the data are only read again if a key of [data] changes.
+    """Return the run with changed keys; its data are only read again if a key of [data] changes.
 
     Raises
     ------

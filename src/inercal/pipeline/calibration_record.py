@@ -1,4 +1,4 @@
-"""Facts about a run that its calibration states, such as conditions and ranges of the data.
+"""Collect the facts about a run that its calibration states, such as conditions and ranges.
 
 The facts also include the provenance and the errors that other calibrations share. If a method uses
 means of rests or of constant rates, the ranges are computed from the means. If rates change or a
@@ -22,15 +22,15 @@ from inercal.basics.documents import installed_version
 from inercal.basics.parameters import Parameter
 from inercal.basics.units import ZERO_CELSIUS, format_count
 from inercal.calibration import SharedError, Validity
-from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.calibration import SIMULATED
+from inercal.calibration.shared_errors import BenchEstimate
 from inercal.calibration.type_prior import load_type_prior
 from inercal.calibration.validity import Range
 from inercal.estimation import Estimate
 from inercal.physics.plan import Turn
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
-from inercal.pipeline.qualified_errors import qualified_errors
+from inercal.pipeline.stated_values import qualified_errors
 from inercal.recordings.data import EstimatorInput
 from inercal.recordings.data.recording_loader import gyro_file
 from inercal.recordings.io.column_table import file_sha256

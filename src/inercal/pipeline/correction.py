@@ -41,7 +41,7 @@ def load_recording(run: Run) -> Recording:
 def require_same_corrections(
     calibration: Calibration, kept_corrections: str, source: str, run: Run
 ) -> None:
-    """Raise an error if the readings were corrected differently from the calibration's."""
+    """Raise an error if this recording was corrected differently from that of the calibration."""
     made_from = calibration.conditions.get(KEPT_CORRECTIONS, "")
     if kept_corrections == made_from:
         return
@@ -135,15 +135,16 @@ def require_same_readout(calibration: Calibration, run: Run) -> None:
 def apply(
     calibration: Calibration, run: Run | str | Path, *, extrapolate: bool = False
 ) -> Recording:
-    """Correct the recording that a run file names, using a calibration.
+    """Use a calibration to correct the recording that a run file names.
 
     Parameters
     ----------
     calibration : Calibration
     run : Run or path
     extrapolate : bool
-        Whether samples outside the temperature range of the calibration are also corrected. They
-        are then counted, and a column `extrapolated` is 1 for these samples and 0 for all others.
+        Whether samples outside the temperature range of the calibration are also corrected. If so,
+        these samples are counted, and an additional column `extrapolated` contains 1 for each of
+        them and 0 for all others.
 
     Returns
     -------
@@ -203,8 +204,8 @@ def apply(
 def as_written(corrected: Recording, run: Run, *, text: bool) -> Recording:
     """Convert a corrected recording to the form that `inercal apply` writes.
 
-    The temperature is in the unit that the run file states. The name of the temperature column
-    contains this unit, for example "temperature [°C]".
+    The temperature is in the unit that the run file states, and the name of its column contains
+    this unit, for example "temperature [°C]".
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Correct samples block by block while they arrive, with everything prepared once.
 
 An affine model f = B (y − o) needs one matrix product per block. A model with temperature or
-nonlinear terms is inverted for each sample. Both give the numbers of `inercal.pipeline.apply`.
+nonlinear terms is inverted for each sample. Both give the same numbers as `inercal.pipeline.apply`.
 
 A term that needs later samples cannot be applied while samples arrive: the rate of change of the
 temperature, the lag of a thermometer and the angular acceleration of lever arms. Calibrations with
@@ -36,7 +36,7 @@ from inercal.runfile import Run, read
 
 
 class SampleFlag(IntFlag):
-    """What the user of a corrected sample needs to know; 0 if there is nothing."""
+    """What the user of a corrected sample has to know about it; 0 if nothing is wrong."""
 
     SATURATED = 1  # a reading is at an end of the range that [sensor] full_scale states
     TEMPERATURE = 2  # the temperature is outside the range of the calibration

@@ -1,8 +1,8 @@
-"""Operating points from texts, sweeps and tables, and the predictions for them as tables.
+"""Read operating points from texts, sweeps and tables, and tabulate the predictions for them.
 
 A text names the parts of a point: "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"; "m" is the
-magnetic flux density. Parts that are missing are zero, and a missing temperature is that of the
-calibration. A table has the columns fx, fy, fz, wx, wy, wz, mx, my, mz and T, each with its unit in
+magnetic flux density. Missing parts are zero; without a temperature, that of the calibration is
+used. A table has the columns fx, fy, fz, wx, wy, wz, mx, my, mz and T, each with its unit in
 brackets, such as "fx [g]". Missing columns are missing parts.
 """
 
@@ -192,7 +192,7 @@ def _vectors(found: Prediction) -> Iterator[tuple[str, Array]]:
 
 
 def point_text(found: Prediction, j: int) -> str:
-    """Return a point as text, without what is zero and not measured."""
+    """Return a point as text, without parts that are zero and that the sensor does not measure."""
     parts: list[str] = []
     for kind, vectors in _vectors(found):
         if kind in found.measures or vectors[j].any():

@@ -1,4 +1,4 @@
-"""All results of a calibration run, its true coefficients, and what a refused run shows."""
+"""Store the results of a calibration run, and show what a refused run contains."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Calibrate from a run that was read and checked, as the stations of the architecture page show."""
+"""Calibrate a run that was read and checked; the architecture page shows the same stations."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -30,13 +30,14 @@ from inercal.pipeline.calibration_record import (
     validity,
 )
 from inercal.pipeline.outcome import FittedRun, Outcome
-from inercal.pipeline.qualified_errors import qualification_conditions, uncounted_notes
 from inercal.pipeline.stated_noise import stated_noise_findings
 from inercal.pipeline.stated_values import (
     constant_notes,
     find_assumed_constants,
     gravity_notes,
+    qualification_conditions,
     require_small_assumed_share,
+    uncounted_notes,
 )
 from inercal.pipeline.temperature_fit import (
     TemperatureFit,

@@ -1,8 +1,8 @@
-"""Calibrate recordings of the same form: read one by one, solved and tested as one problem.
+"""Calibrate recordings of the same form, which are read one by one but solved together.
 
 The trials of the problem are the recordings. Each trial has the search, the observability and the
-score tests that it would have alone, so its calibration is the same. A recording whose form differs
-from the others' is solved alone, and so is a trial with a violation that needs further fits.
+score tests that it would have alone, so its calibration is the same. A recording is solved alone if
+its form differs from that of the others, or if a violation makes further fits necessary.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -31,7 +31,7 @@ class _SimilarObservations(Observations):
 
     @property
     def between_rows(self) -> Array | None:
-        """Only whether there is a covariance between rows; its values are in `whole`."""
+        """Tells only whether rows have a covariance; `whole` contains its values."""
         return np.zeros(0) if self.correlated else None
 
     @property

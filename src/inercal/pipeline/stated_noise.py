@@ -3,13 +3,13 @@
 For a recording, the noise density of the means is compared with [sensor] white. In addition to
 white noise N, a mean over T contains the effects of bias instability B, random walk K and the
 quantisation step q. The variance of these effects is at most B² + K² T/3 + q²/12, and the
-comparison takes it into account. If the sensor moves or is held by hand, readings contain more than
-its noise. In these cases, only a stated white noise that is too large can be detected.
+comparison takes it into account. If the sensor moves or is held by hand, its readings scatter by
+more than its noise. In these cases, only a stated white noise that is too large can be detected.
 
 For a table of means, the noise is only known from the run file, and the residuals show whether it
-is correct (`inercal.estimation.noise_scale`). The residuals also show if noise and bench errors
-together were stated too large. This is only a remark, because a bench may be better than its user
-can prove.
+is correct (`inercal.estimation.residual_scatter`). The residuals also show if noise and bench
+errors together were stated too large. This is only a remark, because a bench may be better than its
+user can prove.
 
 Noise that was stated too large is reported if the factor is at least 1.3 and chance does not
 explain this. The report is a warning if the uncertainties depend on the stated noise. This is the
@@ -31,7 +31,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import ObservationName
 from inercal.basics.units import format_number, format_value_and_uncertainty, si_factor
 from inercal.estimation import Estimate
-from inercal.estimation.noise_scale import LEAST_RATIO, LEVEL, noise_scale
+from inercal.estimation.residual_scatter import LEAST_RATIO, LEVEL, noise_scale
 from inercal.estimation.scores import chi2_tail_probability
 from inercal.physics.plan import Rotation, Spin, Step, Turn
 from inercal.physics.quantities import QUANTITIES
@@ -151,7 +151,7 @@ def _recorded_noise(
             f"[sensor.{section}]"
         )
         if severity == "warning" and ratio > 1 and severe:
-            text += "; U is computed from the stated noise and is too large"
+            text += "; U is too large, because it is computed from the stated noise"
         yield Finding(severity, "noise", text, name, factor=ratio)
 
 
@@ -203,8 +203,8 @@ def _noise_of_means(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
 
 def _means_finding(section: str, ratio: float) -> Finding:
     text = (
-        f"the means scatter less than stated: [data.sd] of {section} is {_times(ratio)}; U is "
-        "computed from it and is too large"
+        f"the means scatter less than stated: [data.sd] of {section} is {_times(ratio)}; U is too "
+        f"large, because it is computed from this value"
     )
     return Finding("warning", "noise", text, factor=ratio)
 

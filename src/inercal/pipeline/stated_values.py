@@ -1,6 +1,6 @@
-"""Bench constants that a run file states without "±", and their effect on the result.
+"""Bench constants stated without "±", and errors of qualified bench parameters.
 
-The uncertainty of such constants is assumed to be half a unit of the last digit
+The uncertainty of constants without "±" is assumed to be half a unit of the last digit
 (`inercal.basics.units.parse_quantity`). The contribution of a constant to u of a coefficient is
 found by assuming that the constant is exact::
 
@@ -8,6 +8,11 @@ found by assuming that the constant is exact::
 
 If this part is larger than the rest, the run is refused, because the assumption would dominate the
 result.
+
+Calibrations with the same qualification share the covariance J Σ Jᵀ, where Σ is the covariance of
+the bench parameters b₀ and J = ∂c/∂b₀. It is stored as the columns of J L, where Σ = L Lᵀ. Column j
+is the part of parameter j that the previous parameters do not explain, so the columns are
+independent.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,14 +23,118 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.parameters import Parameter
+from inercal.basics.parameters import Parameter, QualifiedParameters
 from inercal.basics.units import Measured, format_quantity, format_value_and_uncertainty, si_factor
 from inercal.benches import Bench
+from inercal.benches.qualification.joint_prior import joint_prior
+from inercal.calibration import SharedError
 from inercal.estimation import Estimate
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.earth import COMPUTED_GRAVITY_SD
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_words import coefficient_words
+from inercal.runfile import Run
+
+
+def qualified_errors(
+    run: Run, estimate: Estimate, expected: Mapping[str, Parameter], count: int
+) -> tuple[SharedError, ...]:
+    """Return the shared errors due to the qualified parameters.
+
+    Parameters
+    ----------
+    run : Run
+    estimate : Estimate
+        Estimate whose first `count` parameters are the sensor's coefficients.
+    expected : mapping of str to Parameter
+        Bench parameters that have an effect, by full name.
+    count : int
+    """
+    known = run.qualified.parameters
+    declared = {one.name: one for one in run.bench.parameters}
+    slopes = np.zeros((count, len(known.names)))
+    for k in _acting(known, expected):
+        name = known.names[k]
+        slope = estimate.sensitivity(name, expected[name].sd)
+        if slope is not None:
+            slopes[:, k] = slope[:count]
+    if not slopes.any():
+        return ()
+    # All are used, because a parameter without an effect may act through another parameter that
+    # depends on it.
+    root = np.linalg.cholesky(joint_prior(known)[1])
+    parts = slopes @ root
+    return tuple(
+        SharedError(
+            name,
+            declared[name].unit,
+            float(root[k, k]),
+            parts[:, k] * root[k, k],
+            known.determination[k],
+            known.date[k],
+        )
+        for k, name in enumerate(known.names)
+        if parts[:, k].any()
+    )
+
+
+def uncounted_notes(
+    run: Run, estimate: Estimate, expected: Mapping[str, Parameter]
+) -> tuple[str, ...]:
+    """Return notes on qualifications that the uncertainty does not include, with reasons.
+
+    There are two reasons: an estimator that treats the bench as exact does not use bench
+    parameters, and some parameters have no effect in the steps of the run.
+    """
+    lines: list[str] = []
+    for file, one in zip(run.qualified.files, run.qualified.each, strict=True):
+        left_out = [name for name in one.names if not _is_counted(name, estimate, expected)]
+        if not left_out:
+            continue
+        acting = any(q.name in left_out for q in expected.values())
+        reason = (
+            f"estimator {run.estimator} does not take it into account"
+            if acting
+            else "it has no effect in this run"
+        )
+        lines.append(
+            f"Qualification {file}: the uncertainty of {', '.join(left_out)} is not included in U, "
+            f"because {reason}. Its values do correct the bench."
+        )
+    return tuple(lines)
+
+
+def _is_counted(name: str, estimate: Estimate, expected: Mapping[str, Parameter]) -> bool:
+    found = [full for full, q in expected.items() if q.name == name and q.sd > 0]
+    if any(estimate.sensitivity(full, expected[full].sd) is not None for full in found):
+        return True
+    # Parameters of a position or dwell may be eliminated together with the noise of its row.
+    lasting = [full for full, q in expected.items() if q.scope == "run" and q.sd > 0]
+    return any(expected[full].scope != "run" for full in found) and any(
+        estimate.sensitivity(full, expected[full].sd) is not None for full in lasting
+    )
+
+
+def qualification_conditions(run: Run) -> dict[str, str]:
+    """Describe the qualifications of a run."""
+    return {
+        f"qualification {file}": (
+            f"{one.kind} of {one.date}"
+            + (f", valid until {one.valid_until}" if one.valid_until else "")
+            + (f", certificate {one.certificate}" if one.certificate else "")
+        )
+        for file, one in zip(run.qualified.files, run.qualified.each, strict=True)
+    }
+
+
+def _acting(known: QualifiedParameters, expected: Mapping[str, Parameter]) -> list[int]:
+    """Return indices of qualified run parameters that have an effect and are not exact."""
+    return [
+        k
+        for k, name in enumerate(known.names)
+        if name in expected and expected[name].scope == "run" and expected[name].sd > 0
+    ]
+
 
 _MIN_IMPROVEMENT = 1.5  # a note is written if better gravity reduces U by this factor
 _CONSTANT_UNITS = {  # units used in messages, by key of [bench]
@@ -65,8 +174,8 @@ def _describe_constant(bench: Bench, key: str) -> str:
     unit = _CONSTANT_UNITS[key]
     u = format_value_and_uncertainty(0.0, widest.sd / si_factor(unit))[1]
     return (
-        f"{key} {format_quantity(widest.value, 0.0, unit)} is stated without ±, so half a unit of "
-        f"its last digit is taken as its uncertainty: u = {u} {unit}"
+        f"{key} {format_quantity(widest.value, 0.0, unit)} is stated without ±, so its error is "
+        f"assumed to be within half a unit of the last digit: u = {u} {unit}"
     )
 
 

@@ -1,4 +1,4 @@
-"""Fit over several temperatures, with errors common to a soak, and choice of orders.
+"""Fit a run over several temperatures: include the errors of each soak, and choose the orders.
 
 1. A first fit with the highest orders gives the slopes ∂y/∂T, which convert an error of a soak's
    temperature into an error of the readings (`inercal.recordings.environment.soaks`).

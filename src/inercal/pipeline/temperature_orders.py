@@ -1,4 +1,4 @@
-"""Temperature orders of a model: the terms that they include, and their choice by AIC.
+"""Choose the temperature orders of a model by AIC, with the terms that they include.
 
 AIC = χ² + 2 p. If the terms d are removed from a fit with estimate θ and covariance C, χ² increases
 by θ_d' C_dd⁻¹ θ_d. This is exact for a model that is linear in its coefficients, so one fit is

@@ -1,7 +1,7 @@
 """Recordings: file readers, the audit, rests and sections, and section means with covariance.
 
 A `Recording` is in the sensor's output units; `Observations` are in SI units. Both may have leading
-axes for trials, `(..., n, m)`; all trials share the same times and labels.
+axes for trials, `(..., n, m)`. All trials have the same times and labels.
 """
 
 from inercal.recordings.findings import Finding, Severity, merge_findings, merge_messages

@@ -1,4 +1,4 @@
-"""Findings from the audit and from other checks of a recording."""
+"""Collect the findings of the audit and of other checks of a recording."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Readings of magnetometers: means over the rests of a recording, and over pieces of motion."""
+"""Average magnetometer readings over the rests of a recording and over pieces of motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -73,7 +73,7 @@ class MagneticReadings:
 
     @property
     def parts(self) -> tuple[Array, ...]:
-        """All mean readings: (r, m) of the rests, and (p, m) of the pieces of motion."""
+        """Mean readings of the rests, (r, m), followed by those of the pieces of motion, (p, m)."""
         return (self.mean,) if self.pieces is None else (self.mean, self.pieces.mean)
 
     def rows(self, kept: Sequence[int]) -> "MagneticReadings":

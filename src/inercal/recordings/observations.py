@@ -1,4 +1,4 @@
-"""Observations in SI units: mean readings over the sections of a recording."""
+"""Store observations in SI units: mean readings over the sections of a recording."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

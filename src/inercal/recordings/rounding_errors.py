@@ -1,8 +1,8 @@
-"""Errors of means that result from coarse steps of the readings, and their correlation.
+"""Compute the errors that coarse steps of the readings cause in means, and their correlation.
 
-The error of a mean has the variance β² from `inercal.estimation.uncertainty.rounding`. Two rows i
-and j whose means differ by d lie at nearly the same place between two steps if d is small compared
-with the step q. The covariance of their errors is
+The error of a mean has the variance β² from `inercal.estimation.uncertainty.rounding`. If the means
+of two rows i and j differ by much less than the step q, both lie at nearly the same place between
+two steps; d is their difference. The covariance of their errors is
 
     cov = β² exp(−d²/2q²)
 

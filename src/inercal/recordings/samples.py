@@ -141,7 +141,7 @@ class Recording:
 
     @property
     def stamps(self) -> Array:
-        """Times on the clock of the file that was read, (n,) s; for display and for writing."""
+        """Times on the clock of the original file, (n,) s, for display and for writing."""
         return self.time + self.first_stamp
 
     @property
@@ -189,7 +189,7 @@ class Recording:
         return float(self.time[stop - 1] - self.time[start]) * n / (n - 1)
 
     def where(self, sample: int) -> str:
-        """Return where a sample is, in words: its line if known, otherwise its sample number."""
+        """Describe where a sample is: its line if this is known, otherwise its sample number."""
         line = self.line(sample)
         return f"sample {sample}" if line is None else f"line {line}"
 

@@ -1,8 +1,8 @@
-"""Recorded temperatures: units of a column, possible values, rate of change and sensor lag.
+"""Convert and check recorded temperatures, and correct them for the lag of the thermometer.
 
-No temperature is below 0 K, and no inertial sensor is calibrated outside −100 to 300 °C. Such
-numbers are raw counts of a thermometer, values in °C that were declared as K, or values with a lost
-decimal point.
+No temperature is below 0 K, and nobody calibrates an inertial sensor outside −100 to 300 °C. A
+number outside this range is a raw count of a thermometer, a value in °C that was declared as K, or
+a value that lost its decimal point.
 
 A temperature sensor with the lag τ reads R when the sensing element is at T = R + τ dR/dt.
 """

@@ -14,7 +14,7 @@ from inercal.recordings.temperature import temperature_varies
 
 
 class AngleQuality(NamedTuple):
-    """Uncertainty of a table's angles at each sample, where a host interpolated its readings.
+    """Uncertainty of the table's angles at each sample, if a host interpolated its readings.
 
     `noise_gain` is the sum of the squared interpolation weights: the noise variance of the
     interpolated angle divided by that of one reading. A filter ignores angles with infinite gain.

@@ -4,13 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, isnan, nan
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
 from inercal.basics.keys import CoefficientName
 from inercal.benches.report_data import MeasuredDirection
-from inercal.benches.turntable import is_turntable
 from inercal.calibration.explanation import (
     EXPLAIN,
     customer_lines,
@@ -22,7 +21,7 @@ from inercal.calibration.suspect_text import p_value_text
 from inercal.methods.observability import NOISE_ONLY_NOTE
 from inercal.physics.plan import Hold, Rotation, Spin, Step, Turn
 from inercal.pipeline import Outcome
-from inercal.report import filter_figures, report_tables
+from inercal.report import report_tables
 from inercal.report.drawing import draw_plot
 from inercal.report.figures import correlations, departures, residuals
 from inercal.report.templates import render
@@ -122,9 +121,8 @@ def calibration_page(
         whole=uses_whole_recording(outcome),
         words=words,
         plots=[(one.text, draw_plot(one)) for one in (*kind.plots(outcome), *outcome.plots)],
-        search=None if outcome.search is None else filter_figures.search_figure(outcome.search),
         over_time=None if register is None else _history_section(register),
-        course=_filter_figures(outcome, truth),
+        **_filter_figures(outcome, truth),
         spheres=(sphere(found, 1), sphere(found, -1)) if found else (),
         sections=attitude_rows(outcome, found),
         missing=missing_faces(found),
@@ -175,22 +173,27 @@ def _history_section(register: "SensorHistory") -> tuple[list[Markup], Markup]:
     return summary_lines(register), history_section(register)
 
 
-def _filter_figures(
-    outcome: Outcome, truth: Mapping[str, float] | None
-) -> dict[str, Markup | None] | None:
-    """Return the figures of the filters over time, or None for other estimators."""
+def _filter_figures(outcome: Outcome, truth: Mapping[str, float] | None) -> dict[str, Any]:
+    """Return the figures of the filters over time and of a search; None for other estimators."""
     found, track, bench = outcome.estimate.courses, outcome.observations.track, outcome.bench
+    if not found and outcome.search is None:
+        return {"search": None, "course": None}
+    from inercal.benches.turntable import is_turntable
+    from inercal.report import filter_figures
+
+    search = None if outcome.search is None else filter_figures.search_figure(outcome.search)
     if not found:
-        return None
+        return {"search": search, "course": None}
     path = None
     if track is not None and is_turntable(bench):
         path = filter_figures.path_figure(track, bench)
-    return {
+    course = {
         "convergence": filter_figures.convergence_figure(outcome, truth),
         "smoothed": filter_figures.smoothed_figure(found, outcome.calibration.sensor),
         "innovations": filter_figures.innovation_figure(found),
         "path": path,
     }
+    return {"search": search, "course": course}
 
 
 def has_norm_residuals(outcome: Outcome) -> bool:

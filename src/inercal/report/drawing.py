@@ -1,4 +1,4 @@
-"""Tools that draw figures as SVG in the colours of the page, such as `var(--ink)`.
+"""Draw figures as SVG in the colours of the page, such as `var(--ink)`.
 
 matplotlib does not support CSS variables, so figures are first drawn in placeholder colours, which
 are only used for this purpose. In the SVG text, the placeholders are then replaced.

@@ -1,4 +1,4 @@
-"""Figures of residuals, of bench errors compared with their stated values, and of correlations."""
+"""Draw figures of residuals, bench errors with their stated values, and correlations."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 

@@ -1,4 +1,4 @@
-"""Figures of the filters over time, and of the progress of a genetic search."""
+"""Draw figures of the filters over time, and of the progress of a genetic search."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 

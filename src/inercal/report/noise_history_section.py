@@ -1,4 +1,4 @@
-"""A sensor's noise over time, as a section of its history page or as a separate page."""
+"""Show the noise of a sensor over time, in its history page or on a separate page."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 

@@ -16,8 +16,7 @@ from matplotlib.ticker import NullFormatter
 from inercal.basics.arrays import Array
 from inercal.basics.units import format_duration, format_value_and_uncertainty, si_factor
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
-from inercal.noise.data_sheet import DataSheetNoise
-from inercal.noise.data_sheet_comparison import HEADS, compare_with_sheet, kind_remarks
+from inercal.noise.data_sheet import HEADS, DataSheetNoise, compare_with_sheet, kind_remarks
 from inercal.noise.deviations import deviations
 from inercal.noise.output_filter import filtered_avar, filtered_model_avar
 from inercal.noise.spectrum import block_means

@@ -1,4 +1,4 @@
-"""Tables of the report as text, rounded according to the uncertainties."""
+"""Write the tables of the report as text, rounded according to the uncertainties."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.calibration.comparison.changes import YEAR, TrendVerdict
-from inercal.calibration.comparison.comparison_text import format_en
+from inercal.calibration.comparison.run_to_run import format_en
 from inercal.calibration.suspect_text import p_value_text
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.laboratory.check_standard.chart_texts import day

@@ -1,14 +1,22 @@
-"""Renderer for page templates; they all extend `base.html`, which contains head and style."""
+"""Render page templates; they all extend `base.html`, which contains head and style."""
 
+import os
 from functools import cache
 from typing import Any
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from jinja2 import (
+    ChoiceLoader,
+    Environment,
+    FileSystemBytecodeCache,
+    PackageLoader,
+    StrictUndefined,
+)
 from markupsafe import Markup
 
 from inercal.physics.glossary import Term, find_term, glossary
 
 _PACKAGE = "inercal.report"
+_COMPILED = os.path.join(os.path.dirname(__file__), "__pycache__")
 
 
 def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
@@ -43,7 +51,10 @@ def glossary_page() -> str:
 
 @cache
 def _environment(package: str) -> Environment:
+    # Compiling the template of a report takes about as long as drawing one of its figures.
+    keep = os.access(_COMPILED, os.W_OK | os.X_OK)
     return Environment(
+        bytecode_cache=FileSystemBytecodeCache(_COMPILED) if keep else None,
         loader=ChoiceLoader([PackageLoader(package, "."), PackageLoader(_PACKAGE, ".")]),
         autoescape=True,
         undefined=StrictUndefined,

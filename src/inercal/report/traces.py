@@ -1,4 +1,4 @@
-"""Figures of recorded signals with their sections, drawn as envelopes to keep files small.
+"""Draw recorded signals with their sections, as envelopes to keep the files small.
 
 Of each stretch of samples, the smallest and the largest value are drawn, so every spike is visible.
 

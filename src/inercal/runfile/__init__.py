@@ -16,8 +16,7 @@ from pydantic import ValidationError
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.basics.small_files import parse_toml, read_small_file
-from inercal.benches.kind_definition import Kind
-from inercal.benches.kinds import KINDS, kind_name_for_class
+from inercal.benches.kind_definition import KINDS, Kind, kind_name_for_class
 from inercal.benches.qualification import UsedQualifications
 from inercal.methods import method
 from inercal.physics.plan import Turn

@@ -1,4 +1,4 @@
-"""Reader for [environment] in a run file: the temperatures around the bench, in SI units."""
+"""Read the section [environment] of a run file: the temperatures around the bench."""
 
 from collections.abc import Collection, Sequence
 from typing import Any, Literal

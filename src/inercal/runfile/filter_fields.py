@@ -1,4 +1,4 @@
-"""Filter parameters of a run file, as a form needs them: defaults, values and limits."""
+"""Provide the filter parameters of a run file for a form, with defaults, values and limits."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

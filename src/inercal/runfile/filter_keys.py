@@ -1,4 +1,4 @@
-"""Reader for [method.filter] in a run file: the filters of the method turntable_kalman."""
+"""Read [method.filter] of a run file, which sets up the filters of the method turntable_kalman."""
 
 from collections.abc import Mapping
 from math import isclose

@@ -1,4 +1,4 @@
-"""Reader for [job] in a run file, with the customer, the dates, the staff and the instruments.
+"""Read [job] of a run file, which states the customer, the dates, the staff and the instruments.
 
 None of these keys affects a coefficient. They are stored as texts in the calibration. If the
 calibration of an instrument was due before the date of the measurement, a warning is issued.
@@ -44,11 +44,11 @@ class PersonSection(Section):
 
 
 class CapabilitySection(Section):
-    """Keys of [capability]: the calibration and measurement capability (CMC).
+    """Keys of [capability], which state the calibration and measurement capability (CMC).
 
     `uncertainty` contains the smallest U (k = 2) that the laboratory states, under the same names
-    as in [specification.limits]. A coefficient that is not named is outside the capability. A range
-    consists of two quantities.
+    as in [specification.limits]. Coefficients that are not listed are outside the capability. A
+    range consists of two quantities.
     """
 
     uncertainty: dict[str, str] = Field({}, examples=[{"bias": "20 µg"}])

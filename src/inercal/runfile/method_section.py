@@ -1,4 +1,4 @@
-"""Reader for [method] in a run file: plan, frame of the result and search options."""
+"""Read [method] of a run file: the plan, the frame of the result and the search options."""
 
 from collections.abc import Callable
 from functools import partial

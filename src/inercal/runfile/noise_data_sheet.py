@@ -1,4 +1,4 @@
-"""Reader for a file that states the noise from a data sheet and the meaning of each number.
+"""Read a file that states the noise from a data sheet and the meaning of each number.
 
 A data sheet may state "0.008 °/s/√Hz" or "0.34 °/√h" for the same sensor, because a one-sided noise
 density is √2 times the random walk N. The file therefore states whether a number is a density or a

@@ -1,4 +1,4 @@
-"""Reader for the priors in a run file: stated values, calibration files, or sensors of a type."""
+"""Read the priors of a run: stated values, calibration files, or earlier sensors of the type."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -181,8 +181,9 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
 def type_prior_of(path: Path, sensor: Sensor) -> Gaussian:
     """Return the prior of a sensor from a file of `inercal prior`.
 
-    A coefficient without an axis is the prior of every axis of its kind. The axes have the error of
-    the mean in common. The file's sd is such that ± 2 sd has the coverage of Student's t.
+    A coefficient without an axis is the prior for every axis of its kind, and these axes have the
+    error of the mean in common. The file states an sd for which ± 2 sd has the coverage of
+    Student's t.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Contents of a checked run file, as objects in SI units.
+"""Store the contents of a checked run file as objects in SI units.
 
-[bench] qualification is read here too: it takes values of keys from qualification files.
+This module also replaces keys of [bench] with values from the qualification files that it names.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import is_file, read_toml, texts_of
 from inercal.benches import Bench
-from inercal.benches.kind_definition import Kind
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS, Kind
 from inercal.benches.qualification import KEY, NO_QUALIFICATIONS, UsedQualifications
 from inercal.benches.qualification.bench_keys import (
     read_qualifications,
@@ -179,7 +178,7 @@ class Run(RunBase[Any]):
     sections: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     def for_sensor(self, sections: Mapping[str, Any], sha256: str) -> "Run":
-        """Return the run for another sensor, whose sections differ only in name and recording."""
+        """Return the run of another sensor; only its name and its recording differ."""
         name, magnetic = sections["sensor"]["name"], self.magnetometer
         return replace(
             self,

@@ -1,4 +1,4 @@
-"""Schema of a run file, with the keys of each section.
+"""Define the schema of a run file, with the keys of each section.
 
 Values with units are text, such as "60 µg/√Hz". If the default of a key is not a typical value, the
 key has an example, which error messages show.
@@ -11,7 +11,7 @@ from typing import Any, Literal, cast
 from pydantic import Field, create_model, field_validator
 
 from inercal.basics.errors import InputError
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS
 from inercal.physics.section_settings import (
     DESCRIPTION,
     PLANNING,

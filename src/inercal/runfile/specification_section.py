@@ -15,8 +15,7 @@ from inercal.physics.sensors.coefficient_selection import select_coefficients
 from inercal.runfile.schema import SpecificationSection
 
 if TYPE_CHECKING:
-    from inercal.calibration.next_use import NextUseScatter
-    from inercal.calibration.specification import Specification
+    from inercal.calibration.specification import NextUseScatter, Specification
 
 _KEY = "[specification.limits]"
 _SIGNS = re.compile(r"\s*(±|\+ ?/? ?-)")
@@ -71,7 +70,7 @@ def _stated_next_use(
     section: SpecificationSection, terms: tuple[str, str], names: tuple[str, ...], folder: Path
 ) -> "NextUseScatter | None":
     """Return the scatter between uses from the repeatability file, if the run file names one."""
-    from inercal.calibration.next_use import load_next_use
+    from inercal.calibration.specification import load_next_use
 
     file, key = section.repeatability, "[specification] repeatability"
     if section.uncertainty == "session":
@@ -175,7 +174,8 @@ def _parse_limits(text: str | tuple[str, str], unit: str) -> _Limits:
             )
         lower, upper = middle.value - middle.sd, middle.value + middle.sd
     if not lower < upper or not (isfinite(lower) or isfinite(upper)):
-        raise InputError(f"{text!r}: the lower limit must be below the upper one")
+        stated = repr(text) if isinstance(text, str) else " to ".join(text)
+        raise InputError(f"{stated}: the lower limit must be below the upper one")
     return lower, upper
 
 

@@ -18,7 +18,7 @@ from pydantic_core import ErrorDetails
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS
 from inercal.recordings.data import DataSection
 from inercal.recordings.io.readers import known_options
 

@@ -1,4 +1,4 @@
-"""Claims of a source, and the verdicts that follow from the computed numbers.
+"""Judge the claims of a source by the computed numbers.
 
 A claim consists of its statement, its place in the source and the number that it requires. This is
 a printed number, a number implied by the source's words, or the result of a printed formula or

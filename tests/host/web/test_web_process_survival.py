@@ -107,6 +107,7 @@ def test_a_run_whose_server_is_killed_goes_on_to_its_report(tmp_path: Path):
         assert [run.state for run in register.runs()] == ["done"]
 
 
+@pytest.mark.evidence
 def test_a_server_started_anew_finds_the_run_stops_it_resumes_it_and_ends_with_it(tmp_path: Path):
     plan(tmp_path / "plans", SHORT.replace("outer,90,30", "outer,3600,30"))
     with Serving(tmp_path, "--speed", "20") as serving, serving.page() as page:

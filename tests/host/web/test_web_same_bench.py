@@ -72,8 +72,7 @@ def by_the_command_line(folder: Path) -> Path:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param("faster", marks=pytest.mark.slow),
-        *(pytest.param(name, marks=pytest.mark.evidence) for name in ("demo", "slower")),
+        *(pytest.param(name, marks=pytest.mark.evidence) for name in ("faster", "demo", "slower")),
     ],
 )
 def test_page_and_command_line_find_the_same(tmp_path: Path, name: str):

@@ -1,4 +1,4 @@
-"""An executor for tasks on a Dask cluster, given the address of its scheduler."""
+"""Run tasks on a Dask cluster, given the address of its scheduler."""
 
 import logging
 import re

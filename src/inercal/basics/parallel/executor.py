@@ -1,4 +1,4 @@
-"""The interface of executors, and an executor that runs tasks in this process."""
+"""Define the interface of executors, and an executor that runs tasks in this process."""
 
 from abc import ABC, abstractmethod
 from collections import deque

@@ -1,4 +1,4 @@
-"""An executor of worker processes, in which a process that dies loses only its current task.
+"""Run tasks in worker processes, of which one that dies loses only its current task.
 
 A pool of the standard library breaks as a whole when one of its processes dies, and does not say
 which task was being computed. Here each process computes one task at a time.

@@ -1,4 +1,4 @@
-"""An executor that uses this process, and then other processes if the work is long enough.
+"""Run tasks in this process, and then also in other processes if the work is long enough.
 
 The first tasks run here and show how long a task takes. If the waiting tasks would take long, other
 processes compute them; this process continues until the others are ready. If the user states the

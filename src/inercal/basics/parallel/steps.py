@@ -1,4 +1,4 @@
-"""Steps of a task: they show the submitter how far the task is, and each has a time limit.
+"""Divide a task into steps, which show the submitter its progress and have a time limit each.
 
 A task calls `begin_step` when a step begins; its first step begins automatically. The executor
 measures the time of each step, and terminates the process if a step exceeds its limit.

@@ -1,4 +1,4 @@
-"""Units and their SI sizes, and the reading and printing of quantities such as "0.5 m ± 5 µm".
+"""Know units and their SI sizes, and read and print quantities such as "0.5 m ± 5 µm".
 
 All values inside the package are in SI (m, s, rad, K, V, A, and counts); only this subpackage reads
 text with units. Three choices differ from a general units library:

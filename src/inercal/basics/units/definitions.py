@@ -1,4 +1,4 @@
-"""The definitions of units: prefixes, SI sizes and dimensions.
+"""Define the units: prefixes, SI sizes and dimensions.
 
 A unit is a size times a product of powers of other units. To find the size and dimension of a
 product of units, each unit is expanded into base units, one for each dimension, in the written

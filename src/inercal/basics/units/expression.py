@@ -1,4 +1,4 @@
-"""Parsing of units such as "µg/g²" or "°/√h" into SI size and dimension.
+"""Parse units such as "µg/g²" or "°/√h" into SI size and dimension.
 
 This small grammar rejects invalid text immediately; `definitions` contains the units::
 

@@ -1,4 +1,4 @@
-"""Formatting of numbers for people: quantities, intervals, durations and counts.
+"""Format numbers for people: quantities, intervals, durations and counts.
 
 If a quantity has an uncertainty, the uncertainty determines the number of digits. If the number
 would need an exponent, or more zeros than it has digits, the unit gets a different prefix. An

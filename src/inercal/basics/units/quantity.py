@@ -1,4 +1,4 @@
-"""Parsing of quantities from text such as "0.5 m ± 5 µm (k=2)"."""
+"""Parse quantities from text such as "0.5 m ± 5 µm (k=2)"."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""A precision centrifuge, as a bench."""
+"""Describe a precision centrifuge as a bench."""
 
 from inercal.benches.centrifuge.bench import Centrifuge
 

@@ -1,4 +1,4 @@
-"""The motion of a sensor on the arm of a centrifuge that turns steadily about the vertical.
+"""Compute the motion of a sensor on the arm of a centrifuge that turns steadily.
 
 A sensor on the arm senses the arm's centripetal acceleration and gravity. They are at right angles
 except for a tilt τ of gravity relative to the arm. The unit vector `out` points outwards from the

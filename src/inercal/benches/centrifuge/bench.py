@@ -1,4 +1,4 @@
-"""A precision centrifuge as a bench, with its stated values in the terms of IEEE Std 836.
+"""Describe a precision centrifuge with its stated values, in the terms of IEEE Std 836.
 
 `inercal.benches.centrifuge.arm_motion` computes the motion that a sensor on the arm senses.
 """

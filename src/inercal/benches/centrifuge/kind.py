@@ -1,4 +1,4 @@
-"""A precision centrifuge, as a kind of bench.
+"""Register the precision centrifuge as a kind of bench.
 
 Its worksheet lists the dwells at each rate, attitude by attitude.
 """

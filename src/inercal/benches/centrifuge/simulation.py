@@ -1,4 +1,4 @@
-"""Simulation of arm runs: in each attitude the arm spins up, dwells at each rate and stops.
+"""Simulate arm runs: in each attitude the arm spins up, dwells at each rate, and stops.
 
 The arm starts at rest in each attitude and goes through its rates in order, with constant
 acceleration. Samples are labelled with the name of the attitude. The bench reads back the commanded

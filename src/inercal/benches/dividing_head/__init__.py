@@ -1,4 +1,4 @@
-"""A dividing head, as a bench."""
+"""Describe a dividing head as a bench."""
 
 from inercal.benches.dividing_head.bench import DividingHead
 

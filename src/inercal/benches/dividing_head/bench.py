@@ -1,4 +1,4 @@
-"""A dividing head with a level spindle, which rotates accelerometers in a vertical plane.
+"""Describe a dividing head with a level spindle, which rotates sensors in a vertical plane.
 
 At the head's angle θ the sensor is at the angle ψ. In its own frame, with x and y in the plane of
 rotation and z along the spindle, it senses::

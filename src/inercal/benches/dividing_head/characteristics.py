@@ -1,4 +1,4 @@
-"""Hysteresis, threshold, warm-up drift and the like of accelerometers on a dividing head.
+"""Find hysteresis, threshold, warm-up drift and the like of accelerometers on a dividing head.
 
 The input of an accelerometer is g sin ψ, where ψ is the angle of its input axis from the
 horizontal. The forward pass and the reverse pass reach a position from different sides, so their

@@ -1,4 +1,4 @@
-"""Checks of readings on a dividing head: phase, amplitude, and repeats that do not agree."""
+"""Check readings on a dividing head: their phase, their amplitude, and repeated positions."""
 
 from collections.abc import Sequence
 from math import pi

@@ -1,4 +1,4 @@
-"""Covariance of the readings due to the angles of a dividing head and gravity."""
+"""Compute the covariance of readings due to gravity and the angles of a dividing head."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""The angles of a sensor on a dividing head and their dependence on the bench's parameters."""
+"""Compute the angles of a sensor on a dividing head, and how they depend on the bench."""
 
 from collections.abc import Mapping, Sequence
 from math import cos, degrees, pi, sin
@@ -22,6 +22,9 @@ from inercal.physics.plan import Index
 
 if TYPE_CHECKING:
     from inercal.benches.dividing_head.bench import DividingHead
+
+READING_SCALE = "autocollimator scale"
+"""Name of the relative error of all autocollimator readings; -2 is a wrong sign."""
 
 
 class SensorAngles(NamedTuple):
@@ -61,6 +64,7 @@ def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[st
     named, creeping, trimmed = pass_names(steps), drift_ramps(steps), _trim_references(bench, steps)
     # All visits to a position share its graduation and face errors, named after the first visit.
     place = [steps[k].label for k in first_visit_rows(steps)]
+    mean = sum(step.reading for step in steps) / len(steps)
     rows: list[dict[str, float]] = []
     for k, step in enumerate(steps):
         own = {"base": 1.0, f"pier[{step.label}]": 1.0}
@@ -70,6 +74,7 @@ def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[st
         first = trimmed[k]
         if bench.collimated == "every":
             own[f"face[{step.label}]"] = 1.0
+            own[READING_SCALE] = step.reading - mean
             own[f"polygon[{place[k]}]"] = 1.0
         else:
             read = k if first is None else first
@@ -79,6 +84,7 @@ def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[st
             own[f"division[{place[read]}]"] = 1.0
         if first is not None:
             own[f"trim[{step.label}]"] = 1.0
+            own[READING_SCALE] = step.reading - steps[first].reading
             own[f"polygon[{place[k]}]"] = 1.0
             own[f"polygon[{place[first]}]"] = -1.0
         rows.append(own)

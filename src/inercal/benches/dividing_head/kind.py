@@ -1,4 +1,4 @@
-"""A dividing head, as a kind of bench, with its report and its simulation.
+"""Register the dividing head as a kind of bench, with its report and its simulation.
 
 The report shows the estimated angles and describes each row. The simulation moves from position to
 position.

@@ -1,4 +1,4 @@
-"""Passes of a dividing head; in each pass it goes once through its positions, in any order.
+"""Find the passes of a dividing head, each of which visits the positions once, in any order.
 
 A series of small tilts about a position is a pass of its own, and all its rows belong to that
 position: the head's error is the same in all of them. The repeated readings of a warm-up, at the

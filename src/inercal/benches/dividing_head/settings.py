@@ -1,4 +1,4 @@
-"""The sections [bench] and [data] for a dividing head, and the bench in SI."""
+"""Define [bench] and [data] for a dividing head, and build the bench in SI."""
 
 from pathlib import Path
 from typing import Literal

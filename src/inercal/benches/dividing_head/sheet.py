@@ -1,4 +1,4 @@
-"""The worksheet for a run on a dividing head: its positions and the operator's tasks at each.
+"""Write the worksheet for a run on a dividing head: positions, and the task at each.
 
 If the autocollimator is read in pairs, the operator trims the head at 180° until it gives the same
 reading as at 0°, and at 270° the same as at 90°. The readings are used as they are. The certificate

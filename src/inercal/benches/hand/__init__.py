@@ -1,4 +1,4 @@
-"""A sensor turned by hand on a table, as a bench."""
+"""Describe a sensor that is turned by hand on a table as a bench."""
 
 from inercal.benches.hand.bench import Hand
 

@@ -1,4 +1,4 @@
-"""A bench without equipment: the sensor's housing rests on its faces and is turned by hand.
+"""Describe a bench without equipment: the housing rests on its faces and is turned by hand.
 
 In the body frame, the upward direction is tilted from its nominal direction by two small tangents
 t₁, t₂ along d₁, d₂ ⟂ up::

@@ -1,4 +1,4 @@
-"""Calibration by hand, as a kind of bench: its section of the run file and its directions.
+"""Register calibration by hand as a kind of bench, with its section of the run file.
 
 [bench] may state the magnetic field: strength, dip and hemisphere.
 

@@ -283,7 +283,7 @@ def _planned_sections(
             )
     else:
         marks = stated_marks(run, recording, again=_numbers_visits(run))
-        names = [_planned_name(run, mark.label) for mark in marks]
+        names = _planned_names(run, [mark.label for mark in marks])
         names = number_repeated_names(names) if _numbers_visits(run) else names
         marks = tuple(replace(m, label=name) for m, name in zip(marks, names, strict=True))
     marked = {mark.label for mark in marks}
@@ -320,12 +320,14 @@ def _files(run: RunBase[RestsSection], recording: Recording) -> tuple[tuple[int,
     return tuple(pairwise(edges))
 
 
-def _planned_name(run: RunBase[RestsSection], label: str) -> str:
-    """Return the plan's name for a label such as "+Z" or "z up", or the label itself."""
-    known = _visits(nominal_plan(run), 1)
-    text, visit, number = label.partition(" (")
-    name = planned_name(text)
-    return label if text in known or name not in known else f"{name}{visit}{number}"
+def _planned_names(run: RunBase[RestsSection], labels: Sequence[str]) -> list[str]:
+    """Return the plan's name for each label such as "+Z" or "z up", or the label itself."""
+    known, names = _visits(nominal_plan(run), 1), list[str]()
+    for label in labels:
+        text, visit, number = label.partition(" (")
+        name = planned_name(text)
+        names.append(label if text in known or name not in known else f"{name}{visit}{number}")
+    return names
 
 
 def _with_planned_names(run: RunBase[RestsSection], observations: Observations) -> Observations:
@@ -333,7 +335,7 @@ def _with_planned_names(run: RunBase[RestsSection], observations: Observations) 
 
     If no label names a step, and each mean shows which face of the case is up, gravity decides.
     """
-    names = [_planned_name(run, label) for label in observations.labels]
+    names = _planned_names(run, observations.labels)
     holds = [step for step in nominal_plan(run) if isinstance(step, Hold)]
     if run.data.kind == "means" and not set(names) & _steps_by_visit(run, len(names)).keys():
         force = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "f"]

@@ -1,4 +1,4 @@
-"""Simulation of a plan by hand: the true motion at each sample, with random errors of the bench.
+"""Simulate a plan by hand: the true motion at each sample, with random errors of the bench.
 
 Between steps the sensor moves smoothly (minimum jerk) from one attitude to the next. Samples during
 a hold or a turn have its label; samples during a move have an empty label.

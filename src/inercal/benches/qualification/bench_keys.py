@@ -1,4 +1,4 @@
-"""Qualifications that replace typed keys of the section [bench].
+"""Replace typed keys of the section [bench] by qualifications.
 
 Each parameter of a bench has a key of [bench] that states it: `radius` states "radius", and
 `harmonics` states "sin1". A qualification replaces the key. For a measured constant it gives the

@@ -1,4 +1,4 @@
-"""The input file of a qualification: TOML with the sections [qualification] and [measurement]."""
+"""Read the input file of a qualification, which has [qualification] and [measurement]."""
 
 import datetime as dt
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError
 
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_toml
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS
 from inercal.benches.qualification.linear_fit import MeasuredParameters
 from inercal.benches.qualification.measure import MEASUREMENTS, MeasurementInput
 from inercal.benches.qualification.qualification_file import determination_sha256, load

@@ -1,4 +1,4 @@
-"""The covariance of qualified parameters as the prior of an estimate.
+"""Use the covariance of qualified parameters as the prior of an estimate.
 
 Estimators, except filters, treat the parameters of a bench as independent. Their estimate is then
 updated with the joint covariance, which is exact for a linear problem (`with_prior_covariance`).

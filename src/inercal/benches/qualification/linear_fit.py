@@ -1,4 +1,4 @@
-"""Generalised least squares for a qualification, with tests of the model by its residuals.
+"""Fit a qualification by generalised least squares, and test the model by its residuals.
 
     y = H x + e,   e ~ N(0, V):   x = P Hᵀ V⁻¹ y,   P = (Hᵀ V⁻¹ H)⁻¹,   χ² = rᵀ V⁻¹ r
 

@@ -1,4 +1,4 @@
-"""Qualifications on disk: versioned JSON, `*.qualification.json`.
+"""Read and write qualifications as versioned JSON, `*.qualification.json`.
 
 Schema "inercal/qualification/1": `kind`, `bench` (kind and name), `determination`, `date`,
 `valid_until`, `method`, `instrument`, `certificate`, `parameters` (a list of name, unit, value,

@@ -206,7 +206,7 @@ def drift_between(earlier: Qualification, later: Qualification) -> tuple[Paramet
     if years <= 0:
         raise InputError(
             f"the qualifications are from {earlier.date} and {later.date}: give two from "
-            "different days, the earlier first"
+            f"different days, with the earlier one first"
         )
     from scipy import special  # only a comparison needs it
 

@@ -1,4 +1,4 @@
-"""A rate platform, as a bench: constant rates about a vertical axis, and poses at known angles."""
+"""Describe a rate platform: constant rates about a vertical axis, and poses at known angles."""
 
 from inercal.benches.rate_platform.bench import RatePlatform
 

@@ -1,4 +1,4 @@
-"""A rate platform as a bench: a table with a vertical axis, and a platform with known angles.
+"""Describe a rate platform: a table with a vertical axis, and a platform with known angles.
 
 In a dwell at the rate Ω, in setting s with the case direction e up and a₁, a₂ perpendicular to it,
 the sensor senses::
@@ -51,8 +51,7 @@ from inercal.basics.parameters import (
 )
 from inercal.basics.units import Measured
 from inercal.benches.contract import MeanMotion, NoReadingOffsets, require_possible_values
-from inercal.benches.rate_platform.level_rate import level_rate_factor
-from inercal.benches.rate_platform.mean_motion import sensed_motion
+from inercal.benches.rate_platform.mean_motion import level_rate_factor, sensed_motion
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Pose, RateDwell
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.sensors import Sensor
@@ -311,7 +310,7 @@ def _require_measured_rates(sensor: Sensor, steps: Sequence[PlatformStep]) -> No
         for step in _turning(steps)[0]:
             if abs(step.rate * np.dot(axis.i, step.up)) > reach:
                 raise InputError(
-                    f"[sensor.gyro] full_scale is {degrees(reach):.4g} °/s, but {axis.name} is to "
+                    f"[sensor.gyro] full_scale is {degrees(reach):.4g} °/s, but {axis.name} must "
                     f"measure {step.label}; choose lower rates, or correct full_scale",
                     key="[sensor.gyro] full_scale",
                     names=(step.label,),

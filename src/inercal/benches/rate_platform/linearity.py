@@ -1,4 +1,4 @@
-"""The straight line of a rate test for each gyro, and its table of inputs and readings.
+"""Fit the straight line of a rate test for each gyro, and tabulate its inputs and readings.
 
 The line y = c + K Ω is fitted by least squares with equal weights to all rests and rates about an
 axis (IEEE Std 528 and 952). If there are nonlinear terms, K differs from 1 + scale. The table also

@@ -13,8 +13,8 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.characteristics import BAND_NOTE, characteristic_notes, rows_of_bands
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
-from inercal.benches.rate_platform.level_rate import level_rate_changes
 from inercal.benches.rate_platform.linearity import gyro_characteristics
+from inercal.benches.rate_platform.mean_motion import level_rate_changes
 from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates, require_steady
 from inercal.benches.rate_platform.section_finder import find_sections, settled
 from inercal.benches.rate_platform.sections import (
@@ -80,14 +80,15 @@ def _refuse_unused_errors(
     run: RunBase[RatePlatformData], bench: RatePlatform, steps: Sequence[PlatformStep]
 ) -> None:
     names = {p.name for p in bench.nuisances(steps, run.sensor).values()}
+    turns = any(isinstance(step, RateDwell) and step.rate for step in steps)
+    why, also = ("", "") if turns else ("no row turns, so ", "measure at several rates, or ")
     for name, one in STATED.items():
         own = {f"{name}_{k}" for k in one.components} or {name}
         if own & set(bench.qualified.names):
             continue  # one qualification serves runs of several kinds
         if bench.deviation(name) is not None and not own & names:
-            raise key_error(
-                f"[bench] {name}", "nothing in this run depends on it; remove the key", run.path
-            )
+            text = f"{why}nothing in this run depends on it; {also}remove the key"
+            raise key_error(f"[bench] {name}", text, run.path)
 
 
 def _table(run: RunBase[RatePlatformData]) -> EstimatorInput:

@@ -1,4 +1,4 @@
-"""A plain rate table, as a bench."""
+"""Describe a plain rate table as a bench."""
 
 from inercal.benches.rate_table.bench import RateTable
 

@@ -1,4 +1,4 @@
-"""A plain rate table as a bench: it turns about the vertical with the sensor in a fixture on it.
+"""Describe a plain rate table, which turns about the vertical with the sensor in a fixture.
 
 At the radius R from the axis the sensor senses the centripetal acceleration toward the centre and
 the reaction to gravity. With the directions `out` and `up` of its mounting in the body frame::

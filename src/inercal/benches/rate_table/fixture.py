@@ -1,4 +1,4 @@
-"""Mountings of a triad on a rate table, as data, and the plans in the source on ship models.
+"""Describe the mountings of a triad on a rate table, and the plans of the ship-model paper.
 
 The name of a plane gives the axis that points to the centre, then the other horizontal axis: Z is
 up in "XY" and "YX", and X is up in "ZY". With e_r the axis toward the centre, e_n the upward axis

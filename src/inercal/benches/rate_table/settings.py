@@ -1,4 +1,4 @@
-"""The sections [bench] and [data] for a plain rate table, and the bench in SI."""
+"""Define [bench] and [data] for a plain rate table, and build the bench in SI."""
 
 from pathlib import Path
 from typing import Literal

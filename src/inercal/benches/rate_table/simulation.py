@@ -1,4 +1,4 @@
-"""Simulation of a rate table: as in a recording, one mounting follows another.
+"""Simulate a rate table: as in a recording, one mounting follows another.
 
 In each mounting the table rests at a random azimuth, then turns at the mounting's speeds from the
 slowest to the fastest, and stops. The symbols are those of `inercal.benches.rate_table.bench`. With

@@ -1,4 +1,4 @@
-"""A turntable with one to three axes, as a bench."""
+"""Describe a turntable with one to three axes as a bench."""
 
 from typing import Any, TypeGuard
 

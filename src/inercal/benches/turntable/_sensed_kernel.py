@@ -1,4 +1,4 @@
-"""Compiled function that computes the motion sensed on a turntable with errors, at a few instants.
+"""Compute the motion sensed on a turntable with errors at a few instants, in compiled code.
 
 Attitude, f, ω and its derivative are the same as in `inercal.benches.turntable.attitude`.
 """

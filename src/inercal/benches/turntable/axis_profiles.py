@@ -1,4 +1,4 @@
-"""Moves of a turntable's axes from rest to rest, built from pieces with constant jerk.
+"""Build the moves of a turntable's axes from rest to rest from pieces with constant jerk.
 
 An axis speeds up to a rate, keeps it and slows down symmetrically. Without a jerk limit its rate
 has a trapezoidal profile. With a limit its acceleration is trapezoidal and its rate an S-curve::

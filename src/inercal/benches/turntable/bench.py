@@ -1,4 +1,4 @@
-"""A turntable with one to three axes as a bench: its imperfections, as data.
+"""Describe a turntable with one to three axes as a bench, with its imperfections as data.
 
 The level frame is east, north, up. At zero angles the body's z axis points up, and its y axis to
 the azimuth α, clockwise from north. Each axis from a₁ (outermost) to a_k is a body axis at zero

@@ -1,4 +1,4 @@
-"""A turntable with one to three axes, as a kind of bench.
+"""Register a turntable with one to three axes as a kind of bench.
 
 The host carries out the steps of a plan in absolute angles, so that it can repeat a step.
 After an outage the host repeats the interrupted step from its beginning. A `Rotation` is relative

@@ -1,4 +1,4 @@
-"""Paths of a turntable: standard paths, and paths read from a table in a file.
+"""Provide paths of a turntable: standard paths, and paths that a file contains as a table.
 
 The table has one row per step. The header names the columns, with the unit of each quantity. Cells
 that a step does not use are empty::

@@ -1,4 +1,4 @@
-"""Limits on the durations of rests and gaps for the methods on a turntable."""
+"""Limit the durations of rests and gaps for the methods on a turntable."""
 
 from inercal.benches.turntable.bench import Turntable
 

@@ -1,4 +1,4 @@
-"""The sections [bench] and [data] for a turntable, and the bench in SI."""
+"""Define [bench] and [data] for a turntable, and build the bench in SI."""
 
 from pathlib import Path
 from typing import Literal
@@ -112,11 +112,12 @@ class TurntableData(DataSection):
             raise ValueError("table_time is a column of table_file; add table_file or remove it")
         if self.table_file is not None and self.table_time is None:
             raise ValueError(
-                'table_file also needs table_time, its column of time; add table_time = "time"'
+                "table_file also needs table_time, which names its time column; add table_time = "
+                '"time"'
             )
         if self.table_file is not None and self.hold is not None:
             raise ValueError(
-                "hold is a column of the recording that numbers its holds; with table_file remove "
+                "hold names a column of the recording, but table_file contains the angles; remove "
                 "hold"
             )
         return self

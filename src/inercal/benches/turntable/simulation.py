@@ -1,4 +1,4 @@
-"""Simulation of a turntable that moves from step to step at its limits, and of its readback.
+"""Simulate a turntable that moves from step to step at its limits, and of its readback.
 
 The table starts at rest with all angles zero. Before a step it moves all axes at once, each at its
 own limits and to the nearest equivalent angle. Samples during this move have no label. Angles are

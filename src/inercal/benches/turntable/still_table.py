@@ -1,4 +1,4 @@
-"""A turntable without readback, which is at rest between its turns.
+"""Describe a turntable without readback, which is at rest between its turns.
 
 Its angles, its level and the squareness of its axes are unknown. Only gravity and, from the
 latitude, the earth's rate are known.

@@ -54,7 +54,7 @@ class Comparison:
 
     @cached_property
     def difference_covariance(self) -> Array:
-        """Covariance of the difference, SI, (p, p); errors shared by both calibrations cancel."""
+        """Covariance of the difference, SI, (p, p); errors that both share have cancelled."""
         first, second = (
             [one.sensor.coefficients.index(name) for name in self.names] for one in self._both
         )
@@ -281,7 +281,7 @@ def recording_sha256(calibration: Calibration) -> str:
 def largest_change(
     calibration: Calibration, names: Sequence[str], values: Array, u: Array
 ) -> float:
-    """Return the largest difference of a value or u from the stored one, in units of the stored u.
+    """Return by how many stored u a value or its u differs at most from the stored one.
 
     Parameters
     ----------

@@ -89,8 +89,8 @@ def joint_test(difference: Array, covariance: Array) -> JointTest:
     scale = np.sqrt(np.diag(covariance))
     if not size or not (scale > 0).all():
         raise ValueError(
-            "covariance has a variance of 0, or difference is empty; pass coefficients with an "
-            "uncertainty"
+            "a variance in covariance is 0, or difference is empty; pass only coefficients with "
+            "an uncertainty"
         )
     # The diagonal is scaled to ones, because units of very different sizes would distort the rank.
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))

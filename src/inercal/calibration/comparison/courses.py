@@ -65,7 +65,7 @@ class SlopeStatement(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CourseFit:
-    """A level or a line through n calibrations.
+    """A level or a line that was fitted to n calibrations.
 
     Parameters
     ----------

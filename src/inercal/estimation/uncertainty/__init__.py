@@ -1,4 +1,4 @@
-"""Uncertainty of means, functions and procedures.
+"""Compute the uncertainty of means, functions and procedures.
 
 Functions: first-order propagation, C_y = J C_x Jᵀ (GUM 5.2.2, equation 13; S2, 6.2).
 
@@ -206,9 +206,9 @@ def pooled_mean_covariances(
         n, m = section.shape[-2:]
         counts.append(n)
         number = min(max(batches, 2), n)
-        edges = np.arange(number) * n // number
-        length = np.diff(edges, append=n)
-        means = np.add.reduceat(section, edges, axis=-2) / length[:, None]
+        edges = np.arange(number + 1) * n // number
+        length = edges[1:] - edges[:-1]
+        means = np.add.reduceat(section, edges[:-1], axis=-2) / length[:, None]
         off = (means - np.mean(section, axis=-2, keepdims=True)) * np.sqrt(length)[:, None]
         total = total + np.swapaxes(off, -1, -2) @ off
         dof += number - 1

@@ -1,4 +1,4 @@
-"""Conformity of uncertain values with limits (JCGM 106:2012, ILAC-G8:09/2019).
+"""Judge whether uncertain values conform to limits (JCGM 106:2012, ILAC-G8:09/2019).
 
 The limits are T_L and T_U (one may be infinite), y is a value and U its expanded uncertainty. The
 guard band is w = 0 for the rule "simple", and w = factor · U for the rule "guarded"::

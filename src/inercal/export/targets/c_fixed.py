@@ -147,7 +147,7 @@ def _shift(largest: float) -> int:
     shift = int(np.floor(_BITS - np.log2(largest)))
     if shift < 1:
         raise InputError(
-            "c_fixed: the motion per count is too large for these integers; state --set lsb, or "
+            "c_fixed: one count is too large a motion for these integers; state --set lsb, or "
             "choose target c",
             key="--set",
         )

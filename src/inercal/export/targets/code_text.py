@@ -1,4 +1,4 @@
-"""Helpers shared by code targets: the supported terms, the formula and the remarks."""
+"""Write what all code targets share: the supported terms, the formula and the remarks."""
 
 from collections.abc import Callable, Sequence
 from typing import Any

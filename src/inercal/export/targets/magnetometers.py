@@ -136,7 +136,7 @@ def _stated(matrix: Array, bias: Array, note: str, unit: str | None = None) -> S
     if not (np.isfinite(matrix).all() and np.isfinite(bias).all()):
         raise InputError("the matrix and the offset must be finite numbers")
     if np.linalg.cond(matrix) > 1 / np.finfo(np.float32).eps:
-        raise InputError("the matrix has no inverse, so it is no correction")
+        raise InputError("the matrix has no inverse, so it cannot be a correction")
     return StatedCalibration(
         None,
         None,

@@ -74,7 +74,9 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
         triad = shared.offset_triad(matrix, shared.json_numbers(one, "bias", 3), _MATRIX)
         if kind == "w" and np.array_equal(matrix, np.eye(3)):
             triad = StatedTriad(bias=triad.bias)
-            notes.append("the tool of RealSense estimates no scale and no misalignment of gyros")
+            notes.append(
+                "the RealSense tool estimates neither the scale nor the misalignments of gyros"
+            )
         triads[kind] = triad
     return StatedCalibration(triads["f"], triads["w"], notes=tuple(notes))
 

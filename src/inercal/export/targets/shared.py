@@ -225,8 +225,8 @@ def stated_magnetometer(
     matrix = matrix * scale
     if np.linalg.eigvalsh(matrix)[0] <= 0:
         raise InputError(
-            f"the matrix of the magnetometers of {autopilot} is not positive definite, so it is no "
-            "calibration; give parameters of a compass that was calibrated"
+            f"the matrix of the magnetometers of {autopilot} is not positive definite, so it "
+            f"cannot be a calibration; give parameters of a compass that was calibrated"
         )
     return StatedTriad(matrix=inverse(matrix), bias=bias)
 
@@ -332,6 +332,6 @@ def offset_triad(matrix: Array, offset: Array, name: str) -> StatedTriad:
         S has no inverse.
     """
     if np.linalg.cond(matrix) > 1 / np.finfo(np.float32).eps:
-        raise InputError(f"{name} has no inverse, so it is no correction", names=(name,))
+        raise InputError(f"{name} has no inverse, so it cannot be a correction", names=(name,))
     back = inverse(matrix)
     return StatedTriad(matrix=back, bias=back @ offset)

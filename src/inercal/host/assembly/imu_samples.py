@@ -1,4 +1,4 @@
-"""The packets of the IMU, in the order of the IMU's clock."""
+"""Convert the packets of the IMU to samples, in the order of the IMU's clock."""
 
 from collections import deque
 from collections.abc import Sequence

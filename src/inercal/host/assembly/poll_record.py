@@ -1,4 +1,4 @@
-"""Polls of a table in the order of its clock, which is related to the host's clock.
+"""Store the polls of a table in the order of its clock, and relate this clock to the host's.
 
 The subclasses for turntables and rate tables (`table_polls`) store different values from a poll,
 check differently for implausible polls, and interpolate differently between polls.

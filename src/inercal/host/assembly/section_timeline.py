@@ -1,4 +1,4 @@
-"""Sections of a run by the table's clock: the times of holds, and the labels of samples.
+"""Date the sections of a run by the table's clock: the times of holds, the labels of samples.
 
 The recording begins with the first section. Estimation begins with the rest in this section. If
 this rest is interrupted within `COARSE_REST_SECONDS`, the recording begins again when the section

@@ -1,10 +1,11 @@
-"""Where corrected samples go: a descriptor such as standard output, TCP readers, or UDP.
+"""Send corrected samples to a descriptor such as standard output, to TCP readers, or by UDP.
 
 Blocks wait for a slow reader in a queue of limited length. If it is full, the oldest blocks are
-dropped, and the reader is told how many samples it lost. A block that is sent in part is kept.
+dropped, and the reader is told how many samples it lost. A block of which a part was already sent
+is never dropped.
 
 Corrected samples are written as CSV, JSON lines or MessagePack. Text has nine significant digits,
-as the files of `inercal apply`; MessagePack has all digits. A value that is missing is an empty
+as the files of `inercal apply`; MessagePack has all digits. A missing value is written as an empty
 cell, null or nil.
 """
 
@@ -249,7 +250,7 @@ class Output(Closeable):
         raise InputError(f"the output cannot be written: {error.strerror}") from None
 
     def close(self) -> None:
-        """Do nothing, because standard output is not ours."""
+        """Do nothing, because this program does not own standard output."""
 
 
 class TcpOutput(Output):

@@ -1,7 +1,7 @@
-"""Sources of bytes: standard input, a file, a serial port, and TCP and UDP addresses.
+"""Read bytes from standard input, a file, a serial port, or a TCP or UDP address.
 
-A live source does not wait for its reader, and it may be lost. A file and standard input wait until
-they are read, and they have an end.
+A live source does not wait for its reader, and its connection may be lost. A file or standard input
+waits until it is read, and it has an end.
 """
 
 import os

@@ -31,7 +31,7 @@ from inercal.recordings.io.read import Columns, detect_reader
 from inercal.recordings.io.row_checks import TOO_LARGE, is_usable
 from inercal.recordings.io.table_start import is_number
 from inercal.recordings.io.text_layout import COMMENTS, TextLayout, sniff_lines
-from inercal.recordings.io.unsigned_counts import signed_counts
+from inercal.recordings.io.wrapped_numbers import signed_counts
 from inercal.recordings.temperature import is_impossible
 from inercal.runfile import Run
 
@@ -243,7 +243,7 @@ class TextRows:
     def restart(self, *, mid_stream: bool) -> None:
         """Forget an incomplete sample, because the next bytes do not continue the last ones.
 
-        `mid_stream` tells whether they may begin in the middle of a sample.
+        `mid_stream` states whether these bytes may begin in the middle of a sample.
         """
         self.malformed += bool(self._buffer.strip())
         self._buffer, self._mid_line = b"", mid_stream

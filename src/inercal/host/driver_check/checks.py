@@ -1,4 +1,4 @@
-"""The checks of a driver; each returns what it found, or raises an error that says what is wrong.
+"""Check a driver; each check returns what it found, or raises an error that says what is wrong.
 
 All motions are at 20 °/s and 40 °/s², or at half of the limits if these are lower.
 """
@@ -32,7 +32,7 @@ _CLOCK_TIME, _CLOCK_TOLERANCE, _CLOCK_STEP = 0.5, 0.02, 0.005  # s, of the time,
 
 
 def identity(probe: Probe) -> str:
-    """Check what the table is: its axes, their limits and a first reading."""
+    """Check the identity of the table, its axes with their limits, and a first reading."""
     with probe.open() as table:
         name = table.identity()
         require(name.isprintable(), f"the identity {name!r} is not one line of text")
@@ -187,7 +187,7 @@ def rate_mode(probe: Probe) -> str:
 
 
 def clock(probe: Probe) -> str:
-    """Check the times of readings: against the time that passes, and against angle and rate."""
+    """Check that the times of readings agree with the elapsed time, and with angle and rate."""
     with probe.open_enabled() as table:
         sign = _directions(table, 0)[0]
         _start_turning(probe, table, 0, sign)

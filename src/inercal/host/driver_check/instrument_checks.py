@@ -1,9 +1,9 @@
-"""The checks of the drivers of instruments and chambers, real or simulated.
+"""Check the drivers of instruments and chambers, real or simulated.
 
 If the address has a TCP host and port, a relay between the two loses, garbles and delays replies.
 
-The checks of a chamber's link are the same as for a table. The chamber is sent 3 K up and down, for
-which a slow one needs some minutes of its own time.
+The checks of a chamber's link are the same as for a table. The chamber must go 3 K up and down,
+which takes a slow chamber some minutes.
 """
 
 import re

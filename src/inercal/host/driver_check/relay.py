@@ -1,4 +1,4 @@
-"""A relay between a driver and a simulator, which breaks the link on request.
+"""Relay bytes between a driver and a simulator, and break the link on request.
 
 All bytes from the driver are passed on. Replies pass through `change`, which may garble or swallow
 them. A link that is unplugged ends at once, and so does each new connection.

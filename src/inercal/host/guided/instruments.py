@@ -1,4 +1,4 @@
-"""Reads the sensor with instruments: over links, as SCPI or lines unasked, or by their drivers.
+"""Reads the sensor with instruments: by SCPI, from lines that they send, or by their drivers.
 
 An instrument over a link gives plain numbers, which must be in the unit that [sensor] states. An
 instrument with a driver gives a `Reading`, whose unit is checked and converted.

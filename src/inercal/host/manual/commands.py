@@ -1,4 +1,4 @@
-"""The manual commands of an operator, and their conversion from and to JSON.
+"""Defines the manual commands of an operator, and converts them from and to JSON.
 
 Each command has a fixed set of fields. The page sends JSON objects in degrees and seconds, which
 this module converts to commands in SI. The session (`manual.session`) decides whether the table can

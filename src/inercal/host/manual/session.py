@@ -1,4 +1,4 @@
-"""A manual session: the main loop, from the connection until the table is at rest.
+"""Runs a manual session, from the connection until the table is at rest.
 
 The loop runs every 20 ms::
 

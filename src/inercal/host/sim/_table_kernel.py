@@ -1,4 +1,4 @@
-"""Compiled functions that advance all axes of a simulated table by servo cycles.
+"""Advance all axes of a simulated table by servo cycles, in compiled code.
 
 **Profile.** A trapezoid is computed cycle by cycle: in each cycle T, the commanded rate r changes
 by at most a T (a is the acceleration) toward the highest rate from which the axis can still stop at

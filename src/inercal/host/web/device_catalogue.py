@@ -1,4 +1,4 @@
-"""The devices that a request may choose, and the results of probing them.
+"""Lists the devices that a request may choose, and the results of probing them.
 
 A request cannot contain a path. A port is chosen by its number in the list. A typed address must be
 a network address, and the packets from it must match a preset.

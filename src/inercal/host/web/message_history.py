@@ -1,4 +1,4 @@
-"""The messages of a run for a new viewer: first the current state of the run, then its history."""
+"""Sends a new viewer first the current state of a run, and then its history."""
 
 import json
 from collections import deque

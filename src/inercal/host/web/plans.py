@@ -1,4 +1,4 @@
-"""The available plans: the run files in one folder, and the demonstration's run file.
+"""Lists the available plans: the run files in one folder, and that of the demonstration.
 
 If an operator changes filter parameters on the page, they are checked like the parameters in a run
 file.

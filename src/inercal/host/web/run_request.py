@@ -1,4 +1,4 @@
-"""Requests to the process of a run or a manual session, and messages about its end.
+"""Defines requests to the process of a run or a manual session, and messages about its end.
 
 The process also leaves a record in the run's folder.
 """

@@ -1,4 +1,4 @@
-"""The web server of the page: how it listens, limits connections and shuts down.
+"""Runs the web server of the page: it listens, limits connections and shuts down.
 
 If the server is ended during a run, the run is stopped. The server waits until the table is at rest
 and the process of the run has ended. A second Ctrl-C ends the server at once, but the run is still
@@ -250,7 +250,7 @@ def serve(options: ServerOptions) -> None:
         server = web_server(hub, options.register, access, refused)
         host = socket.gethostname() if options.host in _WILDCARD_HOSTS else options.host
         print_notice(
-            "the STOP of this page is software and not a safety function; the hardware interlock is"
+            "the STOP on this page is only software; the safety function is the hardware interlock"
         )
         address = f"http://{_bracketed_host(host)}:{port}/"
         print(_page_address_text(address, options.token, token), flush=True)

@@ -1,4 +1,4 @@
-"""The viewers and the operator, and the order of messages to viewers on slow links.
+"""Manages the viewers and the operator, and orders the messages to viewers on slow links.
 
 A viewer answers the mark `{"kind": "mark", "n": 7}` by `{"do": "seen", "n": 7}`. The server sends a
 mark after each batch of messages, and it sends the next batch when the mark is answered. The

@@ -1,4 +1,4 @@
-"""The data of a certificate: every item that ISO/IEC 17025:2017, 7.8.2 and 7.8.4 require.
+"""Collect the data of a certificate: every item that ISO/IEC 17025:2017, 7.8.2 and 7.8.4 require.
 
 Each item is stored only once. PDF and DCC are both written from these data.
 
@@ -230,9 +230,10 @@ def make_certificate(
         ("issued is before the last day of measured", last, given.issued),
     ):
         if first is not None and second < first:
+            received = "" if job.received is None else f"received {job.received}, "
             raise InputError(
-                f"[job] measured {job.measured} to {last}, received {job.received}, issued "
-                f"{given.issued}: these dates contradict each other ({name}); correct them",
+                f"[job] measured {job.measured} to {last}, {received}issued {given.issued}: these "
+                f"dates contradict each other ({name}); correct them",
                 key="[job] measured",
             )
     capability = laboratory.capability

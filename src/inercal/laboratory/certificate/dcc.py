@@ -1,4 +1,4 @@
-"""The digital calibration certificate (DCC 3.2.1 of PTB, with D-SI 2.1.0), as XML.
+"""Write the digital calibration certificate (DCC 3.2.1 of PTB, with D-SI 2.1.0) as XML.
 
 Each measurement result contains two results: the rounded coefficients with U, as the certificate
 states them, and the unrounded coefficients with their covariance. The ellipsoid of the covariance

@@ -1,4 +1,4 @@
-"""The administrative data of a DCC: persons, items, dates and statements."""
+"""Write the administrative data of a DCC: persons, items, dates and statements."""
 
 from importlib.metadata import version
 from typing import Any

@@ -1,4 +1,4 @@
-"""The statements of a certificate, as pairs of name and text; PDF and DCC both use them."""
+"""Write the statements of a certificate as pairs of name and text, for both PDF and DCC."""
 
 from itertools import chain
 

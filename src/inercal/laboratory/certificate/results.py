@@ -1,4 +1,4 @@
-"""The rounded results of a certificate, and their statement of conformity.
+"""Round the results of a certificate, and state whether they conform to the limits.
 
 The expanded uncertainty is U = k u, with a coverage probability of 95.45 %. For a normal
 distribution, this is k = 2. If the effective degrees of freedom ν are few, k = t(ν) (JCGM 100:2008,

@@ -1,4 +1,4 @@
-"""The texts of a certificate in English, German and Chinese, from one table, `texts.toml`."""
+"""Read the texts of a certificate in English, German and Chinese from the table `texts.toml`."""
 
 import tomllib
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A check standard, which is a sensor measured before each job, and its control charts.
+"""Chart a check standard, which is a sensor that is measured before each job.
 
 The first days of the sensor are the reference, and each later day is compared with the reference.
 The bench is in control if the sensor still gives the same results as in the reference, within its

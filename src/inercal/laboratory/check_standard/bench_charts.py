@@ -1,6 +1,6 @@
-"""Control charts of a bench without a check standard, from the bench errors in its runs.
+"""Chart a bench that has no check standard, from the bench errors that its runs determine.
 
-Each bench parameter that runs determine (`inercal.calibration.bench_estimates`) has a separate
+Each bench parameter that runs determine (`inercal.calibration.shared_errors`) has a separate
 Shewhart chart and EWMA or CUSUM chart, because runs with different methods determine different
 parameters. The weighted mean q' of the runs on a day is one point. Its variance is its own variance
 s² plus the day-to-day scatter τ². The reference consists of the first m days on which the parameter
@@ -21,7 +21,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
-from inercal.calibration.bench_estimates import BenchEstimate
+from inercal.calibration.shared_errors import BenchEstimate
 from inercal.estimation.uncertainty.control_charts import (
     ChartKind,
     ChartValues,

@@ -6,7 +6,7 @@ from typing import Any
 from inercal.basics.documents import origin
 from inercal.basics.units import format_count
 from inercal.calibration import Calibration
-from inercal.calibration.next_use import SCHEMA
+from inercal.calibration.specification import SCHEMA
 from inercal.laboratory.repeatability.repeated_sessions import Repeatability, StatedUncertainty
 from inercal.physics.sensors import SI_UNITS
 

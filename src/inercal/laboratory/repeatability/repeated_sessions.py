@@ -174,7 +174,8 @@ def repeat(
     Raises
     ------
     InputError
-        If calibrations cannot be compared, or the sessions do not show the scatter for the scope.
+        If the calibrations cannot be compared, or the sessions do not show how the sensor scatters
+        from one use of this scope to the next.
     """
     matched = match_sessions(sessions)
     days, turn_ons = int(matched.level(0).max()) + 1, int(matched.level(2).max()) + 1

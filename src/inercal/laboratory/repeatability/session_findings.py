@@ -75,9 +75,9 @@ def single_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) 
 def hidden_scatter_lines(fit: SessionFit) -> list[str]:
     """Return lines on scatter that the sessions cannot show."""
     return [
-        f"{fit.effects[k].name}: one session is much better than the others, and these show no "
-        "scatter beyond their uncertainties. U of the next use therefore includes none; add a "
-        "session as good as the best one"
+        f"{fit.effects[k].name}: one session is much better than the others, whose uncertainties "
+        f"explain their scatter, so U of the next use includes no scatter; add a session as good "
+        f"as the best one"
         for k in fit.unseen
     ]
 

@@ -1,4 +1,4 @@
-"""The sessions of a sensor, with their calibrations converted to the same frame and form.
+"""Collect the sessions of a sensor, and convert their calibrations to the same frame and form.
 
 Errors that calibrations share, such as the error of local gravity, are not scatter and do not
 average out. They are subtracted from the covariance of each session, with the columns that the

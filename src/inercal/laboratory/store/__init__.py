@@ -1,4 +1,4 @@
-"""The register of a laboratory's sensors, in SQLite or on a PostgreSQL server.
+"""Keep the register of a laboratory's sensors, in SQLite or on a PostgreSQL server.
 
 The register stores sensors, benches, runs with the hashes of their raw data, and complete
 calibration files, each with its author and time of entry. It is never the only copy of these data:

@@ -1,4 +1,4 @@
-"""Certificates in the register; each number is issued only once, and without gaps.
+"""Issue certificates in the register: each number is used only once, and without gaps.
 
 A number is the text `series`, in which "{year}" and "{sequence}" (or "{sequence:4}" for 4 digits)
 are filled in. The sequence starts at 1 in each year. The number, the files that contain it and the

@@ -1,4 +1,4 @@
-"""The entries in a register, and the facts that a run reports to it."""
+"""Define the entries in a register, and the facts that a run reports to it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""The calibrations of a sensor over time, coefficient by coefficient."""
+"""Follow the calibrations of a sensor over time, coefficient by coefficient."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

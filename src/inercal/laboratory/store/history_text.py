@@ -10,11 +10,15 @@ from math import isfinite
 import numpy as np
 
 from inercal.basics.units import format_count, format_value_and_uncertainty
-from inercal.calibration.comparison import build_comparison, comparison_text
+from inercal.calibration.comparison import build_comparison, run_to_run
 from inercal.calibration.comparison.changes import YEAR
-from inercal.calibration.comparison.comparison_text import format_en
 from inercal.calibration.comparison.courses import LEAST_FOR_DRIFT, Course, fit_course
-from inercal.calibration.comparison.run_to_run import RunScatter, RunToRun, against_scatter
+from inercal.calibration.comparison.run_to_run import (
+    RunScatter,
+    RunToRun,
+    against_scatter,
+    format_en,
+)
 from inercal.calibration.suspect_text import p_value_text
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.laboratory.store.history import CoefficientTrend, SensorHistory
@@ -134,26 +138,26 @@ def history_lines(history: SensorHistory) -> list[str]:
     lines = _date_lines(history)
     if history.comparison_count:
         lines.append(
-            comparison_text.exceedance_text(
+            run_to_run.exceedance_text(
                 history.exceedances, history.comparison_count, history.expected_exceedances
             )
         )
     if (test := history.newest_joint_test) is not None:
         lines.append(
             f"the newest calibration compared with the previous one, all {test.size} coefficients "
-            f"together: {comparison_text.joint_test_text(test)}"
+            f"together: {run_to_run.joint_test_text(test)}"
         )
     if (ordinary := newest_run_to_run(history)) is not None:
-        lines += comparison_text.run_to_run_lines(ordinary)
+        lines += run_to_run.run_to_run_lines(ordinary)
     elif history.comparison_count:
-        lines += comparison_text.repeatability_lines(history.exceedances, history.newest_joint_test)
+        lines += run_to_run.repeatability_lines(history.exceedances, history.newest_joint_test)
     if any(one.line is not None for one in history.trends):
         lines.append(
             "about one coefficient in 20 is called drifting or changed although nothing changed"
         )
     if history.comparison_count:
         stated = all(one.shared is not None for one in history.calibrations)
-        lines.append(comparison_text.SHARED_NOTE if stated else comparison_text.INDEPENDENCE_NOTE)
+        lines.append(run_to_run.SHARED_NOTE if stated else run_to_run.INDEPENDENCE_NOTE)
     return [*lines, *(f"left out: {one}" for one in history.exclusions)]
 
 

@@ -20,7 +20,7 @@ from inercal.basics.errors import InputError
 from inercal.laboratory.store.insertions import EntryAuthor, enter_axes, insert_row
 from inercal.laboratory.store.register_tables import entry_columns, metadata, sensor
 from inercal.noise import NoiseAnalysis, NoiseCoefficient
-from inercal.noise.analysis_object import analysis_object
+from inercal.noise.texts import analysis_object
 from inercal.physics.quantities import QUANTITIES
 
 noise_analysis = sa.Table(

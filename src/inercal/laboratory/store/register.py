@@ -1,4 +1,4 @@
-"""The register of a laboratory, with methods that insert and read entries."""
+"""Open the register of a laboratory, insert entries and read them."""
 
 import os
 from collections.abc import Callable, Collection, Generator, Sequence
@@ -328,7 +328,7 @@ class Register(Closeable):
 def _bench_kind(calibration: Calibration) -> str:
     """Return the kind of bench that a calibration's method uses; empty for an unknown method."""
     # The methods are imported here because they load compiled kernels, which reading does not need.
-    from inercal.benches.kinds import kind_name_for_class
+    from inercal.benches.kind_definition import kind_name_for_class
     from inercal.methods import METHODS
 
     method = METHODS.get(calibration.method)

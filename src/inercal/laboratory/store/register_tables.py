@@ -1,4 +1,4 @@
-"""The tables of a register; changing them requires a revision in `migrations/versions`.
+"""Define the tables of a register; a change needs a revision in `migrations/versions`.
 
 Times are stored as text in ISO 8601, UTC, to the millisecond, so they sort chronologically.
 """

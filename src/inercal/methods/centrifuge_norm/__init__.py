@@ -1,4 +1,4 @@
-"""Accelerometers on a precision centrifuge, calibrated from the norm of the specific force.
+"""Calibrate accelerometers on a precision centrifuge from the norm of the specific force.
 
 In every attitude on the arm the specific force has the norm √(a² + g²), where a is the centripetal
 acceleration. The attitudes need not be known. At tens of g the quadratic terms are observable in
@@ -18,8 +18,8 @@ the norm, with the change that would repair each. No row is changed, because onl
 original table.
 
 A plan contains several attitudes on the arm at several rates. Each dwell lasts whole turns. Norms
-determine the coefficients of an axis if it has readings of both signs. In the twenty positions of
-Wang and Li 2021, ψ covers only half a circle, and y never senses the arm from behind. On a full
+determine the coefficients of an axis only if it has readings of both signs. In the twenty positions
+of Wang and Li 2021, ψ covers only half a circle, and y never senses the arm from behind. On a full
 circle the uncertainty of the worst coefficient is seven times smaller with the same number of
 dwells.
 
@@ -40,7 +40,7 @@ from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.calibration.forms import Frame
 from inercal.estimation import Estimate, least_squares
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods import Fit, Method, Priors, Remarks, estimator_inputs, solving
+from inercal.methods import Fit, Method, Priors, Remarks, solving
 from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.methods.centrifuge_norm.omitted_coefficients import find_omitted_coefficients
 from inercal.methods.centrifuge_norm.problems import (
@@ -49,8 +49,8 @@ from inercal.methods.centrifuge_norm.problems import (
     norm_problem,
 )
 from inercal.methods.centrifuge_norm.screening import screen_rows
-from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed
+from inercal.methods.order_effects import with_tests
 from inercal.physics.plan import Attitude, Spin, Spins, arm_attitude
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_words import coefficient_words
@@ -233,7 +233,7 @@ class ClosedFormulas:
         NotObserved
             The dwells do not give the regression full rank.
         """
-        estimator_inputs.require_plain_means(observations, sensor, priors, self.name, "ml")
+        solving.require_plain_means(observations, sensor, priors, self.name, "ml")
         mean = observations.mean
         singular = closed_formulas.regression_singular_values(sensor, mean, self.name)
         declared = bench.acting_parameters(steps, vectors=False)

@@ -1,4 +1,4 @@
-"""Estimators in closed form: a linear regression of the squared norm gives the coefficients.
+"""Estimate in closed form: a linear regression of the squared norm gives the coefficients.
 
 If an axis follows the model N = S (f + D f²) + b, and u = (N − b)/S, the sensed force is
 

@@ -1,4 +1,4 @@
-"""Maximum-likelihood problems, which compare either norms or vectors in known attitudes.
+"""Build maximum-likelihood problems, which compare norms, or vectors in known attitudes.
 
 The problem of norms computes f̂ with the inverse of the sensor's model and compares ‖f̂‖ with the
 norm on the arm. A rotation of the triad (h_i → R h_i) changes no norm, so it is a gauge freedom.

@@ -1,4 +1,4 @@
-"""Norms do not observe rotations of the triad; a gauge fixes these rotations.
+"""Fix the rotations of the triad by a gauge, because norms do not observe them.
 
 Norms do not change when the input axes h_i are rotated, h_i → R h_i. Three combinations of the six
 misalignments are therefore free. A rotation by ρ turns axis i about its O axis by ρ·O_i and about

@@ -34,7 +34,7 @@ from inercal.estimation import Cauchy, Estimate, Problem, least_squares
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL
 from inercal.methods import Priors
 from inercal.methods.centrifuge_norm.problems import norm_problem
-from inercal.methods.estimator_inputs import require_single_recording
+from inercal.methods.solving import require_single_recording
 from inercal.physics.plan import Spins
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
@@ -188,7 +188,7 @@ def screen_rows(
 
 
 class Agreement(NamedTuple):
-    """How well rows agree with each other: a robust fit and the scatter of the rows about it."""
+    """The agreement between rows: a robust fit, and the scatter of the rows about it."""
 
     fit: Estimate
     noise: float  # ratio of the scatter of most rows to the stated one, at least 1

@@ -1,4 +1,4 @@
-"""Calibration of two orthogonal accelerometers on a dividing head, which together sense g.
+"""Calibrate two orthogonal accelerometers on a dividing head, which together sense g.
 
 A head error of 3″ corresponds to 15 µg when the sensitive axis is horizontal. Two accelerometers at
 right angles have opposite errors there, so ‖f̂‖ = g does not depend on the head. An autocollimator
@@ -45,9 +45,9 @@ from inercal.methods import Method, Priors, dividing_head_problem
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.methods.dual_orthogonal import patent_estimator as four
 from inercal.methods.dual_orthogonal.g_squared import MOUNTING_ANGLES
-from inercal.methods.estimator_inputs import refuse_temperature_terms, require_matching_rows
-from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed
+from inercal.methods.order_effects import with_tests
+from inercal.methods.solving import refuse_temperature_terms, require_matching_rows
 from inercal.physics.plan import Indexings
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
@@ -56,7 +56,7 @@ _MIN_IMPROVEMENT = 3.0  # ratio of one coefficient's uncertainty to that of the 
 
 
 class CoefficientSum(NamedTuple):
-    """A sum of two coefficients that is known far better than either one; SI of the first."""
+    """A sum of two coefficients that is far better known than either, in SI units of the first."""
 
     name: str
     meaning: str
@@ -242,7 +242,9 @@ def _with_common_angle(
 
     declared = bench.acting_parameters(steps)
     by_bench = sum(
-        (declared[name].sd * weight.mean()) ** 2 for name, weight in stated.weights.items()
+        (one.sd * stated.weights[name].mean()) ** 2
+        for name, one in declared.items()
+        if name in stated.weights
     )
     across = np.stack([np.cos(stated.nominal), -np.sin(stated.nominal)], axis=-1).ravel()
     across = across / (g * len(steps))

@@ -1,4 +1,4 @@
-"""The g² observation: two orthogonal accelerometers together sense g at any angle of the head.
+"""Observe g²: two orthogonal accelerometers together sense g at any angle of the head.
 
 In g, with s = sin θ, c = cos θ and δ = δ_B − δ_A, z = ½(y_A² + y_B² − 1) is to first order
 

@@ -1,4 +1,4 @@
-"""Score tests of a field that is not the same at all nodes (`inercal.estimation.scores`).
+"""Test whether the field is the same at all nodes, with score tests (`inercal.estimation.scores`).
 
 The nodes are divided into at most 64 stretches. These candidates are tested: a step of the field
 between two stretches, a drift of the offsets, a drift of the strength, and another field during one

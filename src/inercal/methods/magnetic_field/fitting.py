@@ -1,4 +1,4 @@
-"""The fit of a magnetometer to the earth's field, with known accelerometers and gyros.
+"""Fit a magnetometer to the earth's field, with known accelerometers and gyros.
 
 The unknowns are the coefficients, the dip, the corrections of the known coefficients and
 the attitude of each node (`rows`). The data determine D B, but not the strength B: a stated B gives

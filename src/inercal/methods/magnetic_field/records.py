@@ -1,4 +1,4 @@
-"""What the estimation of a magnetometer needs, as plain arrays.
+"""Store what the estimation of a magnetometer needs, as plain arrays.
 
 A node is a rest, or a short piece of motion, with one mean reading of the magnetometer. All
 vectors of a node are in the frame that the accelerometers define ("body"). Readings, offsets and

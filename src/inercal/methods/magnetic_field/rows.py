@@ -1,4 +1,4 @@
-"""The residuals of a field problem, and its normal equations without the nodes' attitudes.
+"""Compute the residuals of a field problem, and normal equations without the attitudes.
 
 R_k takes vectors of body frame k to the frame of the field (x magnetic north, y west, z up)::
 

@@ -1,4 +1,4 @@
-"""Gauss–Newton iteration for a field problem, from several closed-form starts."""
+"""Solve a field problem by Gauss–Newton steps, from several closed-form starts."""
 
 from typing import NamedTuple
 

@@ -22,8 +22,7 @@ from inercal.benches import Hand
 from inercal.calibration.verdict import UNSEEN
 from inercal.estimation import Estimate, ResidualGroup, ScoreTestSet
 from inercal.estimation.lazy_value import LazyValue
-from inercal.estimation.noise_scale import LEAST_RATIO, LEVEL
-from inercal.estimation.residual_scatter import ScatterModel
+from inercal.estimation.residual_scatter import LEAST_RATIO, LEVEL, ScatterModel
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods import Fit, Remarks, temperature
 from inercal.methods.magnetic_field.disturbances import field_tests

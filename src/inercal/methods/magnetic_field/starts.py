@@ -1,4 +1,4 @@
-"""Closed-form starts for a field problem: approximate axes, offset, dip and attitudes.
+"""Find closed-form starts for a field problem: approximate axes, offset, dip and attitudes.
 
 With T = D⁻¹/B and a centred reading m, the unit vector along the field in the body is T m − c:
 

@@ -1,4 +1,4 @@
-"""Calibration by hand in many positions, with gravity as the only reference.
+"""Calibrate by hand in many positions, with gravity as the only reference.
 
 At each rest the specific force has the norm g, in any attitude. The norms therefore determine the
 accelerometers' bias, scale factor and non-orthogonality. Between two rests the gyros propagate the
@@ -36,6 +36,7 @@ from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.run_file_advice import Change
 from inercal.basics.units import Measured, format_value_and_uncertainty
 from inercal.benches import Hand
+from inercal.calibration.verdict import OPPOSITE_SIGN
 from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.uncertainty.coverage import COVERAGE
@@ -52,6 +53,7 @@ from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model
 from inercal.methods.observability import require_observed
 from inercal.methods.residuals import norm_residuals
+from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.plan import HandSteps
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_words import coefficient_words
@@ -61,7 +63,12 @@ _MIN_IMPROVEMENT = 1.5  # factor; a smaller improvement is not worth the user's 
 _ADVISED_ATTITUDES = 3  # number of attitudes advised if a result is weak
 _SHARED = ("g", "timebase")  # parameters of the bench whose errors all coefficients share
 _TEST_LEVEL = 1e-3  # probability of a false finding if the gyros are not sensitive to g
+_REVERSAL_SD = 0.05  # relative; a reversed sign disturbs the other estimates by about this much
 _MIN_PASSAGES = 5  # transitions; with fewer, the scatter is too uncertain
+_REVERSED = (
+    "the gyros show the earth's rate with the opposite sign; check the signs of the accelerometer "
+    "columns, of the gyro columns and of the latitude"
+)
 _SIGN_NOTE = (
     "Norms at rest cannot detect a reversed axis or two exchanged axes. Compare the sign of each "
     "axis with its attitude in one rest."
@@ -267,12 +274,22 @@ def g_sensitivity_findings(rests: Rests, estimate: Estimate) -> tuple[Finding, .
     """Return a finding if the rates at rest depend on gravity but the gyro model has no g term.
 
     The decision is made by an F test of the rates' residuals against the attitude, at the 0.1 %
-    level.
+    level. If the vertical part of the earth's rate with the opposite sign explains the dependence,
+    or explains the estimated g terms, the finding refuses the result.
     """
     group = next((group for group in estimate.groups if group.name == "rates"), None)
     names = rests.sensor.coefficients
-    if group is None or any(name.endswith((".g_i", ".g_p", ".g_o")) for name in names):
+    place, reverse = rests.bench.place, (Finding("refused", OPPOSITE_SIGN, _REVERSED),)
+    twice = 0.0 if place is None else 2 * earth_rate_up_north(place.value)[0]
+    if group is None:
         return ()
+    if own := [k for k, name in enumerate(names) if name.endswith((".g_i", ".g_p", ".g_o"))]:
+        like = [-twice / rests.bench.gravity.value * names[k].endswith(".g_i") for k in own]
+        offs = estimate.value[own], estimate.value[own] - like
+        spread = np.eye(len(own)) * (_REVERSAL_SD * twice / rests.bench.gravity.value) ** 2
+        inverse = np.linalg.inv(estimate.covariance[np.ix_(own, own)] + spread)
+        none, opposite = (scipy.special.chdtrc(len(own), one @ inverse @ one) for one in offs)
+        return reverse if none < _TEST_LEVEL < opposite else ()
     p = len(names)
     up = rests.norms(np.concatenate([estimate.value[:p], rests.start()[p:]])).up
     weight = 1 / group.sd.mean(axis=1)[:, None]
@@ -280,12 +297,20 @@ def g_sensitivity_findings(rests: Rests, estimate: Estimate) -> tuple[Finding, .
     freedom = 3 * (len(up) - 4)
     if freedom < 1:
         return ()
-    alone, with_it = (
-        _residual_sum_of_squares(design, weight * group.residual) for design in (weight, attitude)
+    alone, with_it, opposite = (
+        _residual_sum_of_squares(design, weight * residual)
+        for design, residual in (
+            (weight, group.residual),
+            (attitude, group.residual),
+            (weight, group.residual + twice * up),
+        )
     )
-    ratio = (alone - with_it) / 9 / (with_it / freedom)
-    if scipy.special.fdtrc(9, freedom, ratio) > _TEST_LEVEL:
+    level = 9 / freedom * scipy.special.fdtri(9, freedom, 1 - _TEST_LEVEL) * with_it
+    if alone - with_it < level:
         return ()
+    beyond = level + 9 * _REVERSAL_SD**2 * (alone - with_it)
+    if opposite - with_it < beyond < alone - opposite:
+        return reverse
     explained = 100 * (1 - with_it / alone)
     text = (
         "The rates at rest depend on the direction of gravity, which explains "

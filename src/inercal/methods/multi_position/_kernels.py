@@ -1,4 +1,4 @@
-"""Compiled integration of the rotation during each transition, sample by sample.
+"""Integrate the rotation during each transition, sample by sample.
 
 Let ω̂ = W y + w₀ be the corrected rate of a sample, and φ the rotation between two samples. The
 rate is assumed to be linear between the samples (Magnus series to fourth order in the step)::

@@ -1,4 +1,4 @@
-"""Candidates for the score tests of multi_position: terms that its fits omit or treat as known.
+"""List candidates for the score tests of multi_position: terms that its fits omit.
 
 A candidate adds an error to the readings. At the rests, this error enters the rows in the same way
 as noise (`row_whitening.reading_sensitivities`). Between rests, a gyro error changes the rotations

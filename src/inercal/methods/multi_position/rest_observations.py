@@ -1,4 +1,4 @@
-"""Residuals and correlations of rests in unknown attitudes and of the transitions between them.
+"""Compute residuals and correlations of rests in unknown attitudes, and of their transitions.
 
 There are three kinds of rows, for r rests and k transitions::
 

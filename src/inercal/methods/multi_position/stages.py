@@ -1,4 +1,4 @@
-"""The successive fits of multi_position, each of which is judged by its own χ².
+"""Carry out the successive fits of multi_position, each of which is judged by its own χ².
 
 1. `fit_accelerometers` uses only norms. If χ² requires extra scatter, it is assigned to the rests.
 2. `fit_gyros` first uses the rates at rest for bias, sensitivity to acceleration and the bias's

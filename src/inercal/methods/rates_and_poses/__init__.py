@@ -1,4 +1,4 @@
-"""Calibration of gyros at constant rates and rests, and of accelerometers in known poses.
+"""Calibrate gyros at constant rates and rests, and accelerometers in known poses.
 
 Sections of all kinds can be mixed: rests, dwells at constant rates and turns by known angles about
 a vertical axis, in settings with several case axes up, and poses with known angles. The errors of
@@ -46,9 +46,9 @@ from inercal.benches.rate_platform import sections
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import PlatformSteps
 from inercal.estimation import Estimate, Problem
-from inercal.methods import Method, Priors, estimator_inputs, mean_problem, solving
-from inercal.methods.likelihood_tests import noise_only_estimate, with_problem_tests
+from inercal.methods import Method, Priors, mean_problem, solving
 from inercal.methods.observability import require_observed
+from inercal.methods.order_effects import noise_only_estimate, with_problem_tests
 from inercal.methods.rates_and_poses.plan_structure import require_determined
 from inercal.physics.motion import Motion
 from inercal.physics.plan import small_loop
@@ -261,7 +261,7 @@ def ml(
     observations = observations.without_drift()
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels if label in by_label]
-    estimator_inputs.require_matching_rows(observations, sensor, done)
+    solving.require_matching_rows(observations, sensor, done)
     declared, suspects = bench.nuisances(done, sensor), bench.suspects(done, sensor)
     _refuse_profiles(sensor, done)
     used = _used_readings(sensor, done)
@@ -304,8 +304,8 @@ def ieee(
     NotObserved
         The same as for `ml`.
     """
-    estimator_inputs.require_plain_means(observations, sensor, priors, "ieee", "ml")
-    estimator_inputs.refuse_tilted_form(sensor, "ieee", "ml")
+    solving.require_plain_means(observations, sensor, priors, "ieee", "ml")
+    solving.refuse_tilted_form(sensor, "ieee", "ml")
     by_problem = ml(observations, sensor, bench, steps)
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels]

@@ -1,4 +1,4 @@
-"""Residual functions that the methods share: readings minus predicted readings.
+"""Provide the residual functions that the methods share: readings minus predicted readings.
 
 Vector observation: the mean reading of each row minus the model's reading for its motion,
 y − h(f, ω; c). The derivatives are exact. Derivatives with respect to the parameters of the motion
@@ -19,8 +19,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.benches import MeanMotion
-from inercal.estimation.priors_and_gauges import cholesky
-from inercal.estimation.problem import NormalEquations
+from inercal.estimation.problem import NormalEquations, cholesky
 from inercal.methods.residuals.term_table import TermTable, term_table
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor, inverse, three_axes

@@ -1,4 +1,4 @@
-"""Compiled inversion of a triad's model: computes the force from readings and a table of terms.
+"""Invert a triad's model: compute the force from readings and a table of terms.
 
 Reading i is y = a + Σ k φ(a) + e·f + other products, with a = d·f along the (tilted) axis. The
 force is the root that `inercal.physics.sensors.inverse` finds, by Newton's method from the linear

@@ -1,4 +1,4 @@
-"""Compiled norms of the specific force in many trials, for a triad with a table of its terms.
+"""Compute norms of the specific force in many trials, for a triad with a table of its terms.
 
 With S = ∂y/∂f, û = f̂/‖f̂‖ and b = ûᵀ S⁻¹::
 

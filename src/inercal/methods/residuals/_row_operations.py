@@ -1,4 +1,4 @@
-"""Compiled operations on the rows of a trial, which are contiguous along the last axis.
+"""Operate on the rows of a trial, which are contiguous along the last axis.
 
 Each function writes one or two rows from a few others, so that the compiler can prove that they do
 not overlap, and vectorises the loop. `INNER` turns off reference counting, so taking a row of an

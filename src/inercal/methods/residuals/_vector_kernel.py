@@ -1,4 +1,4 @@
-"""Compiled normal equations for readings in known motion, for many trials.
+"""Compute the normal equations for readings in known motion, for many trials.
 
 The rows of a trial are those of ∂h/∂(c, q) = (design, slope · ∂(f, ω)/∂q). They are assembled and
 whitened one trial at a time, so no array contains the derivatives of all trials. If all trials

@@ -1,4 +1,4 @@
-"""The declared terms of three accelerometers as arrays of numbers for compiled kernels.
+"""Convert the declared terms of three accelerometers to arrays for compiled kernels.
 
 The kernels use this table, so the model is declared only once, in
 `inercal.physics.sensors.coefficient_tables`.

@@ -1,4 +1,4 @@
-"""Calibration of a triad that is tilted by known angles on a rate table, as for ship models.
+"""Calibrate a triad that is tilted by known angles on a rate table, as for ship models.
 
 * `joint`: uses all states, untilted and tilted, and compares each axis with the force that it
   sensed. The angles and radius of each mounting, the speeds, the lean at each rest, the common
@@ -37,11 +37,11 @@ from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_m
 from inercal.benches.rate_table.fixture import TiltConvention, multi_angle_plan, planar_plan
 from inercal.estimation import Estimate, Problem, least_squares
 from inercal.methods import Method, Priors, ship_consistency, solving
-from inercal.methods.estimator_inputs import refuse_priors, require_matching_rows
 from inercal.methods.observability import require_observed
 from inercal.methods.ship_multi_angle.norm_equations import norm_observations, tilted_rows
 from inercal.methods.ship_multi_angle.norm_estimators import damped, global_
 from inercal.methods.ship_planar import affine_estimate, planar, remarks, require_excitation
+from inercal.methods.solving import refuse_priors, require_matching_rows
 from inercal.physics.plan import Spin, Spins
 from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel

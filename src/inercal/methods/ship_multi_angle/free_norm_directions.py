@@ -1,4 +1,4 @@
-"""Directions that norms leave free, and the uncertainty of a result along these directions.
+"""Find the directions that norms leave free, and the uncertainty of a result along them.
 
 The right singular vectors of J with a zero singular value are not observed by any group. The three
 rotations of the triad are always among them, and the plan may add others. Without a tilt of a

@@ -52,7 +52,7 @@ from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import is_tilted
-from inercal.methods.estimator_inputs import refuse_temperature_terms, require_matching_rows
+from inercal.methods.solving import refuse_temperature_terms, require_matching_rows
 from inercal.physics.frames import decompose_symmetric, skew
 from inercal.physics.plan import Spins
 from inercal.physics.sensors import G0, Sensor

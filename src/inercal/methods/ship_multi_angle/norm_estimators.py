@@ -16,11 +16,11 @@ from inercal.basics.units import format_count
 from inercal.benches.rate_table.bench import RateTable
 from inercal.estimation import Estimate, NullDirection
 from inercal.methods import Priors
-from inercal.methods.estimator_inputs import refuse_priors, require_single_recording
 from inercal.methods.ship_consistency import consistency, row_covariance
 from inercal.methods.ship_multi_angle import free_norm_directions as free
 from inercal.methods.ship_multi_angle import norm_equations
 from inercal.methods.ship_planar import affine_estimate
+from inercal.methods.solving import refuse_priors, require_single_recording
 from inercal.physics.plan import Spins
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel
@@ -147,7 +147,7 @@ def global_(
 def _search_note(found: norm_equations.SearchResult, options: norm_equations.SearchOptions) -> str:
     """Return a note on the search: goal, generations and errors."""
     met = "is not met" if found.goal is None else f"is met at generation {found.goal}"
-    ended = "" if found.completed else f"; the time limit ended it after {found.seconds:.3g} s"
+    ended = "" if found.completed else f"; it stopped at the time limit, {found.seconds:.3g} s"
     goal, worst = (f"{100 * share:.3g} %" for share in (options.goal, found.worst))
     return (
         f"The goal of {goal} {met}, which says nothing about the coefficients. After "

@@ -1,4 +1,4 @@
-"""Calibration of an IMU that a table turns between rests, by navigation without the table's angles.
+"""Calibrate an IMU that a table turns between rests, by navigation without the table's angles.
 
 During a rest the IMU is stationary on the Earth, and gravity and the Earth's rate are known. The
 gyros propagate the attitude from one rest to the next, and the velocity integrated over a turn from

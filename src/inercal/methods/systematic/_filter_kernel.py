@@ -1,4 +1,4 @@
-"""Compiled Kalman filter for navigation, whose states are mostly constants.
+"""Run a compiled Kalman filter for navigation, whose states are mostly constants.
 
 The states are ψ and the velocity error, the coefficients, the lag, gravity and latitude, and the
 drift of the biases. In an epoch of T seconds, with C at its middle and F = C f, as in `_kernels`::

@@ -1,4 +1,4 @@
-"""Compiled navigation through turns, with the sensitivities of attitude and velocity.
+"""Navigate through turns, with the sensitivities of attitude and velocity.
 
 The frame n is east, north, up; C transforms from the body to n. A sample is the mean of rate and
 force over one period, with δ = ω dt and u = f dt. A prime marks the sample before::

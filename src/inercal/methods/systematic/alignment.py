@@ -1,4 +1,4 @@
-"""Initial attitudes for a search, computed from the whole recording rather than from single rests.
+"""Find the initial attitudes for a search from the whole recording rather than from single rests.
 
 1. The gyros transform the force of every rest to the body frame at the first rest. All transformed
    forces must point up; otherwise an axis is reversed, exchanged, or in a wrong unit.

@@ -1,4 +1,4 @@
-"""Rules for coefficients that no sequence of turns between rests determines.
+"""Name the coefficients that no sequence of turns between rests determines.
 
 An error message names these coefficients before the estimation starts. The code uses rules instead
 of the rank, because the apparent information about a gauge is only noise.

@@ -1,4 +1,4 @@
-"""Generalised least squares over all rests and turns, by Gauss–Newton steps.
+"""Fit all rests and turns by generalised least squares, with Gauss–Newton steps.
 
 The covariance of the rows is computed once, at the initial attitudes. A step changes coefficients,
 lag and attitudes together. Steps are repeated until they are below a thousandth of a standard

@@ -1,4 +1,4 @@
-"""A Kalman filter for navigation through rests and turns; the coefficients are constant states.
+"""Navigate through rests and turns by a Kalman filter, whose constant states are coefficients.
 
 The filter processes a recording in chunks with a fixed number of epochs, so pieces of any length
 give the same estimate. Every 0.2 s during a rest, the filter observes that the velocity is zero.

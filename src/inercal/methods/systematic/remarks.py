@@ -1,4 +1,4 @@
-"""Remarks on a systematic calibration: lag, navigation errors, moving rests and weak turns.
+"""Write remarks on a systematic calibration: lag, navigation errors, moving rests and weak turns.
 
 Only the azimuth measures turns about the vertical, because gravity is the same at both ends. One
 ppm of a quarter turn is 0.3″, but the azimuth of a navigation-grade IMU has an uncertainty of 80″.

@@ -1,4 +1,4 @@
-"""Residuals of rests and turns, with their Jacobian and covariance.
+"""Compute the residuals of rests and turns, with their Jacobian and covariance.
 
 The unknowns are the coefficients θ, the lag τ and one attitude C_i per rest; the true attitude is
 exp(ψ_i) C_i. The rows come from means over rest i and from navigation through turn i, which starts

@@ -1,4 +1,4 @@
-"""A recording divided into rests and the turns between them, with the noise and drift of each.
+"""Divide a recording into rests and turns, and find the noise and the drift of each.
 
 A test compares the two halves of each rest; it fails if the table creeps or is knocked.
 """

@@ -1,4 +1,4 @@
-"""Biases as functions of temperature, estimated from a temperature ramp at rest.
+"""Estimate biases as functions of temperature from a temperature ramp at rest.
 
 The sensor is at rest while its temperature changes, in a chamber or by itself. For each axis::
 

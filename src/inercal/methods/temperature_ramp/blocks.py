@@ -1,4 +1,4 @@
-"""Block means of the samples in a ramp, and the covariance of their noise.
+"""Compute block means of the samples in a ramp, and the covariance of their noise.
 
 The sensing element is at T = R + τ dR/dt. R_k are block means over L seconds. Readings and
 temperatures are both weighted by Simpson's rule,

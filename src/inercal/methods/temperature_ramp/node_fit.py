@@ -1,4 +1,4 @@
-"""Fit of a ramp with a coarse thermometer, whose temperature curve is estimated as nuisances.
+"""Fit a ramp with a coarse thermometer, whose temperature curve is estimated as nuisances.
 
 At given coefficients and lag the nodes have a least-squares solution. With this solution the
 derivatives of all rows are triangularised, with the nodes first. The rows below those of the nodes

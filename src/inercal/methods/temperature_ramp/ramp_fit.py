@@ -1,4 +1,4 @@
-"""Fit of a ramp by generalised least squares: coefficients, constants, and the lag if unknown.
+"""Fit a ramp by generalised least squares: coefficients, constants, and the lag if unknown.
 
 The candidates for score tests are temperature terms, a drift, and a warm-up. A warm-up exp(−t/τ)
 has an unknown time constant. The search selects the time constant that explains the residuals best.

@@ -1,4 +1,4 @@
-"""Code that the turntable methods share, such as the model of a triad and its attitude.
+"""Provide what the turntable methods share, such as the model of a triad and its attitude.
 
 The methods are `turntable_kalman`, `turntable_discrete` and `turntable_trajectory`.
 

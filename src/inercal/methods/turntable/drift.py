@@ -1,4 +1,4 @@
-"""Drift of the biases as states of a filter, and the definition of a drifting bias.
+"""Model the drift of the biases as states of a filter, and define a drifting bias.
 
 Flicker with bias instability B, S(f) = B²/(2π f), is modelled as a sum of Gauss–Markov processes
 with times τ_k = τ_1 r^(k−1) and variances B² ln r/π, because ∫ 2 τ/(1 + (2π f τ)²) d ln τ

@@ -1,10 +1,9 @@
-"""Compiled propagation of the drift of biases over time; the equations are in `drift`."""
+"""Propagate the drift of biases over time; the equations are in `drift`."""
 
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.estimation.kernel_options import kernel, kernel_step
-from inercal.estimation.kernel_records import record
+from inercal.estimation.kernel_options import kernel, kernel_step, record
 from inercal.methods.turntable.drift import Drift
 
 record(Drift)

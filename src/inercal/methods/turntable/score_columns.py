@@ -1,4 +1,4 @@
-"""Columns for score tests of terms that the turntable methods omit, computed epoch by epoch.
+"""Compute columns for score tests of terms that the turntable methods omit.
 
 A column is the effect of one unit of a constant q. The effect is an increment of the gyros'
 attitude error φ or of the velocity of accelerometers at rest (d), or a shift of φ as observed by

@@ -1,4 +1,4 @@
-"""Compiled operations on vectors and 3 × 3 matrices, as arrays or as tuples of numbers.
+"""Operate on vectors and 3 × 3 matrices, given as arrays or as tuples of numbers.
 
 A `Vector` is a tuple of 3 numbers, a `Matrix` a tuple of 9, row after row. The compiler can keep
 tuples in registers. It must read an array again after each write to another array, because the two

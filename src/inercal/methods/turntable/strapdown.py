@@ -1,4 +1,4 @@
-"""Compiled propagation of the attitude, and its sensitivity to the sensor's coefficients.
+"""Propagate the attitude, and its sensitivity to the sensor's coefficients.
 
 The level frame is east, north, up. C transforms from the body frame to the level frame, and C_est =
 (I − [φ×]) C. The small φ is a rotation vector; φ(f, ω) from `terms` is called phi in the code.
@@ -8,8 +8,7 @@ Functions write their results to arguments, in place.
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
-from inercal.estimation.kernel_options import kernel, kernel_step, kernel_value
-from inercal.estimation.kernel_records import record
+from inercal.estimation.kernel_options import kernel, kernel_step, kernel_value, record
 from inercal.methods.turntable.small_matrices import (
     Matrix,
     Vector,

@@ -1,4 +1,4 @@
-"""The coefficients of a triad as data for compiled filters, with their effects on the readings.
+"""Describe the coefficients of a triad for compiled filters, with their effects on readings.
 
 A reading is affine in the coefficients, and its terms are of second degree in the sensed motion::
 

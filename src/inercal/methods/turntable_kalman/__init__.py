@@ -1,4 +1,4 @@
-"""Calibration of an IMU on a turntable by two Kalman filters over one recording.
+"""Calibrate an IMU on a turntable by two Kalman filters over one recording.
 
 * `full`: the filters for gyros and accelerometers, whose states include the drift of the biases,
   the delay of the readback and the table's other declared errors. R is the stated noise of the

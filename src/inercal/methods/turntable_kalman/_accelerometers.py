@@ -1,4 +1,4 @@
-"""Compiled filter for the accelerometers, sample by sample; tests compare it with a plain version.
+"""Run the accelerometers' filter, sample by sample; the tests compare it with a plain version.
 
 States: δV (3), φ (3), p coefficients, drift of the biases (`turntable.drift`), q table parameters,
 and optionally two states for the error of each hold's angles about east and north.
@@ -18,8 +18,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kalman import FilterSteps, store_covariance_rows, update
-from inercal.estimation.kernel_options import kernel, kernel_step
-from inercal.estimation.kernel_records import record
+from inercal.estimation.kernel_options import kernel, kernel_step, record
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.small_matrices import (
     copy_matrix,

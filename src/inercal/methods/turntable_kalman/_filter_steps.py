@@ -1,4 +1,4 @@
-"""Compiled steps that both filters share, and the arguments of their kernels.
+"""Carry out the steps that both filters share, and define the arguments of their kernels.
 
 Kernels change arrays in place, so a recording may be processed in pieces.
 
@@ -13,8 +13,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kalman import predict, update
-from inercal.estimation.kernel_options import kernel, kernel_step
-from inercal.estimation.kernel_records import record
+from inercal.estimation.kernel_options import kernel, kernel_step, record
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance
 from inercal.methods.turntable.strapdown import inverse_scale_matrix, sum_reading_terms

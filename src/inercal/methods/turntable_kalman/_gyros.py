@@ -1,4 +1,4 @@
-"""Compiled filter for the gyros, sample by sample; the tests compare it with a plain version.
+"""Run the gyros' filter, sample by sample; the tests compare it with a plain version.
 
 Rates are parabolas through the last three samples, with the second-order coning term (Miller 1983,
 J. Guidance 6(4), 287–291). States: φ (3), p coefficients, drift of the biases (`turntable.drift`),

@@ -1,4 +1,4 @@
-"""Compiled observation of the gyros' attitude by a readback, at the time of the readback.
+"""Observe the gyros' attitude by a readback, at the time of the readback.
 
 A readback is compared with the attitude at its time t′. The error there is
 
@@ -20,8 +20,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Bools, Indices
 from inercal.estimation.kalman import update
-from inercal.estimation.kernel_options import kernel_step
-from inercal.estimation.kernel_records import record
+from inercal.estimation.kernel_options import kernel_step, record
 from inercal.methods.turntable.drift_propagation import sum_drift_components
 from inercal.methods.turntable.small_matrices import copy_matrix, product
 from inercal.methods.turntable.strapdown import (

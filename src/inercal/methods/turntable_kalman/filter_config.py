@@ -1,4 +1,4 @@
-"""The configuration of the two filters for each estimator: their states, P₀, R and epoch.
+"""Configure the two filters for each estimator: their states, P₀, R and epoch.
 
 Q is not part of it, because it follows from the sensor's noise.
 """

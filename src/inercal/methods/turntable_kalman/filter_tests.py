@@ -1,4 +1,4 @@
-"""Tests of both filters: innovations in each step, and score tests of omitted constants.
+"""Test both filters by the innovations in each step, and by score tests of omitted constants.
 
 If R is the noise, the normalised innovations squared (NIS) follow χ². The degrees of freedom are
 the number of components minus those that only determine initially unknown states (Bar-Shalom, Li

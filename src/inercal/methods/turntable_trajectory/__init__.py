@@ -1,4 +1,4 @@
-"""Calibration of an IMU on a turntable by generalised least squares over a complete recording.
+"""Calibrate an IMU on a turntable by generalised least squares over a complete recording.
 
 The gyros propagate the attitude from one readback to the next, ten times a second. The
 accelerometers read gravity in holds. Coefficients and the table's errors, including timing, are

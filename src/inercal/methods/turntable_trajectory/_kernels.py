@@ -1,4 +1,4 @@
-"""Compiled propagation of the attitude between readbacks, and whitening of the differences.
+"""Propagate the attitude between readbacks, and whiten the differences.
 
 The level frame and signs are those of `inercal.methods.turntable.strapdown`.
 

@@ -1,4 +1,4 @@
-"""Conversion between a triad's coefficients and its inverse model, f = M a + p.
+"""Convert between a triad's coefficients and its inverse model, f = M a + p.
 
 A triad with bias, scale factor and both misalignments of each axis reads a = H f + b, where H and b
 are affine in the twelve coefficients (reference form). Therefore M = H⁻¹ and p = −H⁻¹ b. This

@@ -1,4 +1,4 @@
-"""A measuring axis: its name, directions, readout and random errors.
+"""Describe a measuring axis: its name, directions, readout and random errors.
 
 The axes of a sensor measure components of the motion (f, ω, m). Three independent axes of a kind
 measure a vector, so its components are those along x, y and z. One or two axes measure only the

@@ -1,4 +1,4 @@
-"""The reading of one axis and its exact derivatives, in either form of the model.
+"""Compute the reading of one axis and its exact derivatives, in either form of the model.
 
 In the reference form (IEEE Std 1293) every term acts along the nominal axes, so the reading is
 linear in the coefficients::

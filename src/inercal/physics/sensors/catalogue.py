@@ -1,4 +1,4 @@
-"""Constructors for common sensors: single axis, pair, triad, IMU and redundant cluster."""
+"""Construct common sensors: single axis, pair, triad, IMU and redundant cluster."""
 
 from collections.abc import Sequence
 

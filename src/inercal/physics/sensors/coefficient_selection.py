@@ -1,4 +1,4 @@
-"""Selection of coefficients by full name, short name or group."""
+"""Select coefficients by full name, short name or group."""
 
 from collections.abc import Sequence
 from difflib import get_close_matches

@@ -1,4 +1,4 @@
-"""The error models as tables with one coefficient per line.
+"""Define the error models as tables with one coefficient per line.
 
 The reading y of an axis, divided by its nominal scale, is the quantity along its input axis I plus
 each coefficient times its basis function::

@@ -1,4 +1,4 @@
-"""The sensor: named axes, the coefficients that describe their errors, and the exact model.
+"""Describe a sensor by named axes, the coefficients of their errors, and the exact model.
 
 `coefficient_tables` defines the terms and `axis_model` the response of an axis; a sensor combines
 its axes. All functions broadcast over leading dimensions for trials: motion `(..., n, 3)`,
@@ -111,7 +111,7 @@ class Sensor:
         return {}
 
     def beside(self, other: "Sensor") -> "Sensor":
-        """Return a sensor with the axes and coefficients of another one after its own."""
+        """Return a sensor that also has the axes and coefficients of `other`, after its own."""
         return replace(
             self, axes=self.axes + other.axes, coefficients=self.coefficients + other.coefficients
         )
@@ -171,16 +171,18 @@ class Sensor:
 
     def to_si(self, output: Array) -> Array:
         """Convert output units to nominal readings in SI, (..., n, m)."""
-        reading = output - self._readout("offset")
-        reading /= self._readout("scale")  # in place, because recordings are long
+        reading = output - self._readout[0]
+        reading /= self._readout[1]  # in place, because recordings are long
         return reading
 
     def to_output(self, reading: Array) -> Array:
         """Convert readings in SI, (..., n, m), to output units."""
-        return self._readout("offset") + self._readout("scale") * reading
+        return self._readout[0] + self._readout[1] * reading
 
-    def _readout(self, what: str) -> Array:
-        return np.array([getattr(axis.readout, what) for axis in self.axes])
+    @cached_property
+    def _readout(self) -> Array:
+        """The offsets and the scales of the axes' readouts, (2, m)."""
+        return np.array([(a.readout.offset, a.readout.scale) for a in self.axes]).reshape(-1, 2).T
 
     @cached_property
     def _groups(self) -> tuple[SimilarAxes, ...]:

@@ -1,14 +1,14 @@
-"""The error budget: the contribution of each imperfection to each coefficient.
+"""Compute the error budget: how much each imperfection contributes to each coefficient.
 
 A budget is valid for one configuration of the estimator and one stated bench. If the estimator
 estimates an error with a prior, it removes part of this error or spreads it over other
 coefficients.
 
 First order (GUM, JCGM 100:2008, 5.1): c_k = ∂E/∂z_k is computed by central differences over one
-standard deviation. An effect that is not larger than rounding errors over this step counts as zero.
-The independent draws of an imperfection are combined in quadrature, and so are all imperfections.
-Monte Carlo (GUM Supplement 1, JCGM 101:2008, clause 7): each imperfection is drawn separately, and
-then all are drawn together, with the same random numbers.
+standard deviation. If the effect of this step is not larger than rounding errors, it counts as
+zero. The independent draws of an imperfection are combined in quadrature, and so are all
+imperfections. Monte Carlo (GUM Supplement 1, JCGM 101:2008, clause 7): each imperfection is drawn
+separately, and then all are drawn together, with the same random numbers.
 
 The two methods differ if an estimate depends nonlinearly on an error, or if errors interact.
 
@@ -26,11 +26,10 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InputError
-from inercal.basics.parallel import Executor
+from inercal.basics.parallel import Executor, SerialExecutor, in_order
 from inercal.basics.units import Measured, format_number, format_quantity
 from inercal.benches import MeanBench
-from inercal.benches.kind_definition import Effect
-from inercal.benches.kinds import kind_for_bench
+from inercal.benches.kind_definition import Effect, kind_for_bench
 from inercal.estimation.uncertainty import BATCH, monte_carlo
 from inercal.pipeline.budget.imperfections import NOISE, Imperfection
 from inercal.pipeline.budget.virtual_experiment import Experiment
@@ -131,7 +130,7 @@ class Shift:
 
 
 def effect_shifts(experiment: Experiment) -> tuple[Shift, ...]:
-    """Return the shift due to each known effect and, if there are several, to all together."""
+    """Return the shift due to each known effect and, if there are several, due to all of them."""
     bench, own, z = experiment.bench, experiment.sensor.coefficients, experiment.expansion_point
     # The mean over a draw of the noise and the negative draw cancels the noise to first order.
     readings, priors = experiment.simulated_readings(np.stack([z, -z]))
@@ -150,9 +149,8 @@ def effect_shifts(experiment: Experiment) -> tuple[Shift, ...]:
         if value and _effect_reaches_sensor(experiment, effect):
             absent[effect.field] = effect.absent
             shift = shift_with(replace(bench, **{effect.field: effect.absent}))
-            shifts.append(
-                Shift(effect.name, f"{format_number(value * effect.per, 4)} {effect.unit}", shift)
-            )
+            text = f"{format_number(value * effect.per, 4)} {effect.unit}"
+            shifts.append(Shift(effect.name, text, shift))
     more = tuple(name for name, c in experiment.truth.items() if name not in own and c)
     full = replace(experiment.sensor, coefficients=(*own, *more))
     for name in more:
@@ -274,7 +272,10 @@ def budget(
             "1000",
             key="trials",
         )
-    linear = first_order_contributions(experiment)
+    executor = executor or SerialExecutor()
+    functions = (_first_order, Experiment.stated, effect_shifts)
+    first, *_ = [executor.submit(function, experiment) for function in functions]
+    (experiment, linear), stated, shifts = in_order(executor, first)
     estimates = monte_carlo_estimates(experiment, trials, seed, progress, executor)
     lines = {
         each: BudgetDeviations(linear[each.name], *sample_deviation(estimates[each.name]))
@@ -289,9 +290,14 @@ def budget(
         lines,
         BudgetDeviations(first_order, *sample_deviation(together)),
         together.mean(axis=0) - experiment.true_values,
-        experiment.stated(),
-        effect_shifts(experiment),
+        stated,
+        shifts,
     )
+
+
+def _first_order(experiment: Experiment) -> tuple[Experiment, dict[str, Array]]:
+    """Return the contributions, with the experiment, which then knows more of its estimator."""
+    return experiment, first_order_contributions(experiment)
 
 
 __all__ = ["Budget", "BudgetDeviations", "Experiment", "Imperfection", "Shift", "budget"]

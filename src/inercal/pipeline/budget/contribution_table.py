@@ -1,4 +1,4 @@
-"""An error budget as rows of text, rounded according to the uncertainty, or as a JSON object."""
+"""Convert an error budget to a JSON object, or to rows of text with sensibly rounded numbers."""
 
 from dataclasses import dataclass
 from math import hypot
@@ -70,19 +70,13 @@ def contribution_rows(budget: Budget, k: int) -> list[BudgetRow]:
         if max(linear, size) < _SMALL * total:
             small.append((linear, size))
             continue
-        shown = cells(linear, size, error)
-        rows.append(
-            BudgetRow(
-                imperfection.name, imperfection.stated, *shown, share(size), "line", size, linear
-            )
-        )
+        shown = imperfection.name, imperfection.stated, *cells(linear, size, error)
+        rows.append(BudgetRow(*shown, share(size), "line", size, linear))
     if small:
         linear, size = (hypot(*column) for column in zip(*small, strict=True))
         name = format_count(len(small), "other")
-        shown = [format_number(x, 2) if x > _SHOWN * total else "0" for x in (linear, size)]
-        rows.append(
-            BudgetRow(name, "", shown[0], shown[1], "", share(size), "others", size, linear)
-        )
+        first, all_ = (format_number(x, 2) if x > _SHOWN * total else "0" for x in (linear, size))
+        rows.append(BudgetRow(name, "", first, all_, "", share(size), "others", size, linear))
     linear, error = (float(x[k]) / si for x in (budget.total.first_order, budget.total.error))
     shown = cells(linear, total, error)
     rows.append(BudgetRow("total", "", *shown, 1.0, "total", total, linear))

@@ -1,8 +1,8 @@
-"""The imperfections of a calibration: errors of the bench, noise of the readings, and priors.
+"""List the imperfections of a calibration: errors of the bench, noise, and priors.
 
-Each imperfection consists of independent random numbers (draws). If a bench declares an
-imperfection for every position, turn or dwell, or about every axis, this imperfection is one line
-of the budget, and its draws are combined in quadrature.
+Each imperfection consists of independent random numbers (draws). If a bench declares the same
+imperfection for every position, turn, dwell or axis, the budget has one line for it, in which the
+draws are combined in quadrature.
 """
 
 import re
@@ -20,9 +20,8 @@ from inercal.physics.sensors import G0, Sensor
 
 NOISE = "noise"
 _COPY_SUFFIX = re.compile(r"(_[abxyz]|_?\d)?(\[.*\])?$")  # axis and step at the end of a name
-_AXIS_SUFFIX = re.compile(
-    r" about [xyz]$|, (toward the centre|along)$"
-)  # the part of a meaning that says which parameter of several it is
+# The part of a meaning that says which parameter of several it is.
+_AXIS_SUFFIX = re.compile(r" about [xyz]$|, (toward the centre|along)$")
 _PARAMETER_TITLES = {  # titles of parameters whose names are not words
     "g": "gravity",
     "mount": "mounting",
@@ -93,10 +92,8 @@ def bench_imperfections(declared: Mapping[str, Parameter]) -> list[Imperfection]
         first = declared[names[0]]
         deviations = [declared[name].sd for name in names]
         meaning = _AXIS_SUFFIX.sub("", first.meaning)
-        word = _PARAMETER_TITLES.get(key, key)
-        found.append(
-            Imperfection(word, meaning, format_deviations(deviations, first.unit), tuple(names))
-        )
+        word, stated = _PARAMETER_TITLES.get(key, key), format_deviations(deviations, first.unit)
+        found.append(Imperfection(word, meaning, stated, tuple(names)))
     return found
 
 

@@ -1,4 +1,4 @@
-"""A simulated calibration, as a function of all imperfections.
+"""Simulate a calibration as a function of all imperfections.
 
 The estimator is treated as a black box. All imperfections together form a vector z of independent
 standard normal numbers, and the calibration is a function of this vector::
@@ -21,7 +21,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters
 from inercal.benches import Bench, MeanBench
-from inercal.benches.kinds import kind_for_bench
+from inercal.benches.kind_definition import kind_for_bench
 from inercal.estimation import Estimate, Gaussian
 from inercal.physics.plan import Spin, Step
 from inercal.physics.sensors import Sensor

@@ -36,7 +36,7 @@ _FIRST_DAY = (1980, 1, 1, 0, 0, 0)  # earliest ZIP date, so equal files give equ
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """The calibration from a bundle, and the result from the same data on this machine.
+    """The calibration from a bundle, and what the same data give on this machine.
 
     Parameters
     ----------

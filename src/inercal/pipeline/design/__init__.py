@@ -1,4 +1,4 @@
-"""Worksheets: the expected uncertainties of a plan, and the steps for the operator."""
+"""Design runs: the steps that an operator carries out, and the uncertainties to expect."""
 
 from inercal.pipeline.design.plan_rehearsal import RehearsalResult, default_run_file, rehearse_plan
 

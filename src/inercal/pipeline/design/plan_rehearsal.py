@@ -153,7 +153,7 @@ def rehearse_plan(
     Parameters
     ----------
     run : Run
-        Run with unknown attitudes. Only the noise of the sensor and the bench matter.
+        Run with unknown attitudes. Only the bench and the noise of the sensor matter.
     sessions : int
         Number of simulations; their median is used because a single χ² may be large by chance.
     executor : Executor, optional
@@ -189,7 +189,8 @@ def rehearse_plan(
 def magnetometer_uncertainties(run: Run) -> tuple[ExpectedUncertainty, ...]:
     """Return the expected uncertainties of the magnetometers of a plan with a worksheet.
 
-    Noise that is only stated for means is taken as white. See `rehearse_plan` for the errors.
+    If the noise is only stated for means, it is assumed to be white. See `rehearse_plan` for the
+    errors.
     """
     if run.magnetometer is None:
         return ()

@@ -1,4 +1,4 @@
-"""The planned path of a turntable: steps, duration and expected uncertainties.
+"""Plan the path of a turntable: its steps, its duration and the expected uncertainties.
 
 The covariance of an estimate does not depend on the random noise, and it hardly depends on the
 sensor. The estimator of the method therefore processes a recording of an ideal sensor on an ideal

@@ -1,4 +1,4 @@
-"""The worksheet of a run: steps for the operator, a table to fill in, and uncertainties."""
+"""Make the worksheet of a run: steps for the operator, a table to fill in, and uncertainties."""
 
 import csv
 from collections.abc import Iterable, Sequence

@@ -101,6 +101,8 @@ class Draft:
         Methods that may fit, with the result of trying each.
     facts : tuple of str
         Observed facts about the recording, one line each.
+    unused : tuple of str
+        The fact that lists the columns without a role; empty if all have one.
     roles : ColumnRoles
     rests : QuietMeans or None
         Rests in a recording; None for a table of means.
@@ -115,6 +117,7 @@ class Draft:
     entries: tuple[DraftKey, ...]
     trials: tuple[MethodTrial, ...]
     facts: tuple[str, ...]
+    unused: tuple[str, ...]
     roles: ColumnRoles
     rests: QuietMeans | None
     time: Array | None
@@ -341,8 +344,9 @@ def _draft(
         trials = try_methods(entries, candidates, path.parent)
     seen = facts(logs, table, roles, rests, time, readings)
     why_unused = [roles.reasons[key] for key in _LEFT_OUT if key in roles.reasons]
-    seen = (*seen, *unused_columns(table, entries), *why_unused)
-    return Draft(tuple(logs), path, entries, trials, seen, roles, rests, time, readings)
+    unused = unused_columns(table, entries)
+    seen = (*seen, *unused, *why_unused)
+    return Draft(tuple(logs), path, entries, trials, seen, unused, roles, rests, time, readings)
 
 
 def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, str]) -> None:

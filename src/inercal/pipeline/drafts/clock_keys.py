@@ -18,7 +18,7 @@ from inercal.recordings.io.audit import burst_findings
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.row_checks import shared_stamps_text
 from inercal.recordings.io.time_stamps import is_iso_time, times_from_iso, times_from_origin
-from inercal.recordings.io.wrapped_stamps import unwrap_stamps, wrap_modulus
+from inercal.recordings.io.wrapped_numbers import unwrap_stamps, wrap_modulus
 
 _TIME_UNITS = ("s", "ms", "µs", "ns")
 _RATES = (1.0, 20e3)  # Hz, plausible sampling rates of IMUs
@@ -50,7 +50,7 @@ def clock_keys(
     stamps = column.astype(np.float64)
     wrap: tuple[DraftKey, ...] = ()
     if (modulus := wrap_modulus(stamps)) is not None:
-        reason = f"{name} falls by nearly this number, so it restarts"
+        reason = f"{name} falls by nearly this number when it restarts"
         wrap = (DraftKey("data", "counter_modulus", modulus, reason),)
         stamps = unwrap_stamps(stamps, modulus).astype(np.float64)
     step = _require_steps(table, name, stamps, roles.units.get("time"))
@@ -116,7 +116,7 @@ def _standing_stamps(table: Table) -> str:
         elif is_iso_time(str(column[0])):
             stamps, unit = times_from_iso(column.tolist(), name, table)[0], "s"
         else:
-            continue
+            return f"{name} cannot be the time, because {column[0]} is not an ISO 8601 time"
         if np.all(np.diff(stamps) >= 0) and not np.median(np.diff(stamps)) > 0:
             return f"{name} cannot be the time: {_why_no_times(stamps, unit)}"
     return ""

@@ -69,7 +69,7 @@ _LABEL_STRETCH = 20  # samples in a typical stretch
 _LABELS_AT_REST = 4  # labels whose stretches are at rest
 _COMBINED = 0.1  # scatter of a column that the triad does not explain, relative to its own
 _STILL = 0.05  # scatter of a stretch at rest, relative to the range of the recording
-_DATE = re.compile(r"\d{1,4}([-/.]\d{1,2}[-/.]\d{1,4}\b.*|:\d{2}\b.*)")
+_DATE = re.compile(r"\d{1,4}([-/.]\d{1,2}[-/.]\d{1,4}(\b|T).*|:\d{2}\b.*)")
 _ABSENT = ("", "nan", "none")
 
 
@@ -177,6 +177,8 @@ def recognise_columns(
     means = reader not in _LOGS and table.rows < FEWEST_SAMPLES
     clock = single.get("time")
     means = means and (not has_even_steps(table, clock) or counts_rows(table, str(clock)))
+    if means and clock in texts:
+        del single["time"]  # the date of a mean has no role
     if means and "accelerometer" not in triads and not single.keys() & _MOVED_BY_BENCH:
         own = [n for n in free if role_of_name(n) is None and not is_other_quantity(n)]
         own = [n for n in own if not counts_rows(table, n)]
@@ -212,7 +214,7 @@ def _judge_labels(
     moved = single.keys() & _MOVED_BY_BENCH
     if triads.get("accelerometer") and not moved:
         force = table.stack(triads["accelerometer"])
-    for name in names:
+    for name in sorted(names, key=lambda one: not any(map(planned_name, _texts(table, one)))):
         text = table.columns[name].dtype.kind == "U"
         if moved or (_names_rows(table, name) if means else _names_sections(table, name, force)):
             single["label"] = name
@@ -368,17 +370,28 @@ def _names_sections(table: Table, name: str, force: Array | None) -> bool:
     column = table.columns[name]
     if column.dtype.kind != "U":
         return _few_stretches(np.nan_to_num(column.astype(np.float64)), force)
-    values = [one for one in np.unique(column).tolist() if one.strip().lower() not in _ABSENT]
-    if any(planned_name(one) for one in values):
+    values = _texts(table, name)
+    if any(map(planned_name, values)):
         return True
-    dates = sum(_DATE.fullmatch(one) is not None for one in values)
-    return 2 * dates <= len(values) and _few_stretches(column, force)
+    return not _are_dates(values) and _few_stretches(column, force)
+
+
+def _texts(table: Table, name: str) -> list[str]:
+    """Return the different values of a column of text, without those that stand for no value."""
+    column = table.columns[name]
+    values: list[str] = np.unique(column).tolist() if column.dtype.kind == "U" else []
+    return [one for one in values if one.strip().lower() not in _ABSENT]
+
+
+def _are_dates(values: Sequence[str]) -> bool:
+    return 2 * sum(_DATE.fullmatch(one) is not None for one in values) > len(values)
 
 
 def _names_rows(table: Table, name: str) -> bool:
     """Return whether a column of a table of means names its rows: each differently, or by faces."""
     values = [str(one).strip() for one in table.columns[name].tolist()]
-    return len(set(values)) == len(values) or all(map(planned_name, values))
+    differ = len(set(values)) == len(values) and not _are_dates(values)
+    return differ or all(map(planned_name, values))
 
 
 def _few_stretches(column: np.ndarray, force: Array | None) -> bool:

@@ -32,7 +32,7 @@ from inercal.recordings import Indices
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.mean_tables import number_column
 from inercal.recordings.io.row_checks import is_usable
-from inercal.recordings.io.time_stamps import is_iso_time
+from inercal.recordings.io.time_stamps import SLOWEST_HZ, is_iso_time, times_from_iso
 from inercal.recordings.segments.gravity_turns import name_columns
 
 FEWEST_SAMPLES = 500
@@ -80,12 +80,17 @@ def has_even_steps(table: Table, name: str | None) -> bool:
     if name is None:
         return False
     column = table.columns[name]
-    if column.dtype.kind == "U":
-        return True
-    steps = np.diff(column.astype(np.float64))
+    dated = column.dtype.kind == "U"
+    try:
+        stamps = times_from_iso(column.tolist(), name, table)[0] if dated else column
+    except InputError:
+        return False
+    steps = np.diff(stamps.astype(np.float64))
     if steps.size < 2 * _AXES:
         return False
     typical = float(np.median(steps))
+    if dated and typical > 1 / SLOWEST_HZ:
+        return False  # dates of means, not of samples
     return typical > 0 and float(np.quantile(np.abs(steps / typical - 1), 0.9)) < _EVEN_STEPS
 
 
@@ -117,10 +122,13 @@ def follows_rate(table: Table, names: Sequence[str], rate: str) -> bool:
 
 
 def clock_by_values(table: Table, names: Sequence[str]) -> str | None:
-    """Return the column of a recording that increases in equal steps, if there is one."""
-    if not names or table.columns[names[0]].size < FEWEST_SAMPLES:
-        return None
-    return next((n for n in names if never_falls(table, n) and has_even_steps(table, n)), None)
+    """Return the column of a recording that increases in equal steps, if there is one.
+
+    Dates come first, because a column of numbers may be a counter.
+    """
+    dates = [n for n in table.names if table.columns[n].dtype.kind == "U" and grows(table, n)]
+    found = [n for n in names if never_falls(table, n)]
+    return next((n for n in (*dates, *found) if has_even_steps(table, n)), None)
 
 
 def accelerometers_by_values(table: Table, names: Sequence[str]) -> tuple[str, ...] | None:

@@ -1,4 +1,4 @@
-"""The keys of a drafted run file, each with its reason."""
+"""Store the keys of a drafted run file, each with the reason for it."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace

@@ -1,8 +1,8 @@
 """Draft the keys of each run-file section from the columns of a recording.
 
 The norms of the readings show the units of an arm's rate and radius. On an arm the readings have
-the norm s √(g² + (r ω²)²). In the right units of r and ω, the size s of an output unit is the same
-at all rates, whatever it is.
+the norm s √(g² + (r ω²)²). If the units of r and ω are right, the size s of an output unit is the
+same at all rates.
 """
 
 import os
@@ -50,8 +50,8 @@ def arm_rate_unit(
 ) -> tuple[str, str]:
     """Return the unit of an arm's rate, with a reason.
 
-    If neither the user nor the column's name states it, it is rpm unless the norms of the readings
-    agree far better in another unit.
+    If neither the user nor the name of the column states a unit, rpm is assumed, unless the norms
+    of the readings agree far better with another unit.
     """
     name = roles.single["arm_rate"]
     if (unit := roles.units.get("arm_rate")) is not None:
@@ -315,7 +315,7 @@ def _thermometer_keys(
 
 
 def unused_columns(table: Table, entries: Sequence[DraftKey]) -> tuple[str, ...]:
-    """Return a line with the columns that the run file does not use; () if it uses all."""
+    """Return a line that lists the columns without use in the run file; () if there are none."""
     used: set[str] = set()
     for entry in entries:
         if entry.section == "data":

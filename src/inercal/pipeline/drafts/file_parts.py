@@ -1,7 +1,7 @@
-"""Join files with the same columns, one for each pose or temperature, to one recording.
+"""Join files with the same columns, one for each pose or temperature, into one recording.
 
-A name with a star stands for the files, as in a run file. The temperature of each file may stand in
-its name or in that of its folder, in place of the star.
+A name with a star stands for the files, as in a run file. The temperature of each file may be part
+of its name or of the name of its folder, in place of the star.
 """
 
 import re
@@ -29,7 +29,7 @@ _FEWEST_POSES = 6
 
 
 def recording_name(logs: Sequence[Path]) -> str:
-    """Return a name for a recording: that of its file, its folder, or what its files share."""
+    """Return a name for a recording: its file, its folder, or what the names of its files share."""
     stem = logs[0].resolve().stem.partition("*")[0]
     if len(logs) > 1:
         stem = _shared_begin([log.stem for log in logs]) or logs[0].stem

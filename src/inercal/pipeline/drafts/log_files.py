@@ -54,7 +54,7 @@ _SAME_TIME = 0.25  # of a step
 
 
 class NoCommonClock(InputError):
-    """Two files, or arrays, of different lengths have no times by which to pair their samples."""
+    """Two files or arrays have different lengths, and no times with which to pair their samples."""
 
 
 @dataclass(frozen=True)

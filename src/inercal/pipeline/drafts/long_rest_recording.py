@@ -1,4 +1,4 @@
-"""Read a recording at rest that is too long for the memory, block by block.
+"""Read a recording at rest block by block, because it is too long for the memory.
 
 Columns, units and rate are found from the first rows, as for a short recording. If there is a
 column of times, every step is compared with the typical step in the first rows. Gaps of one or two
@@ -22,8 +22,7 @@ from inercal.pipeline.drafts.rest_recording import RestLayout, rest_layout
 from inercal.pipeline.drafts.stated_keys import stated_options, stated_values
 from inercal.recordings.io.long_tables import LongTable, open_long_table
 from inercal.recordings.io.time_stamps import times_from_origin
-from inercal.recordings.io.unsigned_counts import signed_counts
-from inercal.recordings.io.wrapped_stamps import unwrap_stamps
+from inercal.recordings.io.wrapped_numbers import signed_counts, unwrap_stamps
 
 LONG_VALUES = 1 << 26
 """Number of values (rows times columns) above which a recording is analysed in blocks."""

@@ -1,8 +1,8 @@
 """Recognise the magnetometers of a recording, and draft their keys of the run file.
 
 At rest, their readings lie on a sphere, like those of accelerometers, but motion does not move them
-off it. The angle between the field and gravity is the same at all rests. This decides the axes up
-to the sign of all three, which the hemisphere decides.
+off it. The angle between the field and gravity is the same at all rests. This determines the axes
+except for a common sign of all three, which follows from the hemisphere.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Find the standard deviation of means for which a draft knows no value."""
+"""Find the standard deviation of means if nothing in a draft states it."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,9 +22,10 @@ def with_scatter(
 ) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...]]:
     """Try the candidates with the deviation of means that the data imply.
 
-    If the residuals show that the guess is too large, the deviation is the one that they imply.
-    Otherwise it makes χ² equal to its degrees of freedom. It is found without further coefficients
-    first: with a deviation that is too small, the tests for them find effects that do not exist.
+    If the residuals show that the guess is too large, the deviation that they imply is used.
+    Otherwise the deviation is chosen so that χ² equals its degrees of freedom. Additional
+    coefficients are only tested afterwards, because with too small a deviation the tests would find
+    effects that do not exist.
     """
     plain = [(bench, name, {} if keys == AUTO else keys) for bench, name, keys in candidates]
     trials = try_methods(entries, plain, folder)

@@ -1,4 +1,4 @@
-"""Draft the keys for a table of means from a rate table: an axis that is up, a rate, three gyros.
+"""Draft the keys for means from a rate table, with the axis that is up, the rate, and three gyros.
 
 The rate is the column to which the gyro of the vertical axis is proportional, whatever its name.
 """
@@ -34,7 +34,7 @@ _POSE_ERRORS = {"attitude": "tilt of a pose", "mounting": "mounting of the case 
 
 
 def with_rate_table(table: Table, roles: ColumnRoles) -> ColumnRoles:
-    """Return the roles, with `axis` and `table_rate` if the table is one of rates."""
+    """Return the roles, including `axis` and `table_rate` if the means are from a rate table."""
     triads, reasons, units = dict(roles.triads), dict(roles.reasons), dict(roles.units)
     if "gyro" not in triads:
         numbers = [name for name in table.names if table.columns[name].dtype.kind != "U"]
@@ -127,7 +127,7 @@ def _line(table: Table, roles: ColumnRoles) -> tuple[float, float]:
 
 
 def gyro_readout(table: Table, roles: ColumnRoles) -> GuessedReadout:
-    """Return the gyros' readout, as named or stated, or from the rates of the table."""
+    """Return the readout of the gyros, which is stated, named, or found from the table's rates."""
     stated = roles.units.get("gyro")
     if stated not in (None, "LSB", "V"):
         return GuessedReadout(str(stated), "", 0.0, si_factor(str(stated)), "as stated or named")

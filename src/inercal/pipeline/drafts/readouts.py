@@ -124,7 +124,7 @@ def _require_gravity(reads: object, when: str) -> None:
 
 
 def gravity_unit(norm: float) -> str | None:
-    """Return the usual unit in which gravity reads this norm; None if there is none."""
+    """Return the usual unit in which gravity has this norm; None if no unit fits."""
     near = (u for u, size in _ACCELEROMETER_UNITS.items() if abs(norm * size / G0 - 1) < _NEAR)
     return next(near, None)
 
@@ -219,7 +219,7 @@ def norm_misfit(means: Array) -> float:
 
 
 def off_sphere(means: Array, data: Array) -> float:
-    """Return how far readings, (n, 3), are from the sphere of the means at rest, of its radius."""
+    """Return how far readings, (n, 3), are from the sphere of the rests, relative to its radius."""
     centre, radius = sphere(means)
     if centre is None or radius is None:
         return 0.0
@@ -390,7 +390,7 @@ def _likely_scales(swept: Array, count: int) -> Array:
 
 
 def axis_changes(turns: GravityTurns) -> tuple[str, ...]:
-    """Describe exchanges or reversals of axes that make turns agree with gravity at any scale.
+    """Describe which axes to exchange or reverse so that turns agree with gravity at any scale.
 
     Axes are named ax to gz. The result is empty if no single change makes them agree.
     """

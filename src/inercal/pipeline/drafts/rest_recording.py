@@ -3,7 +3,7 @@
 Columns, units and rate are found as in `init`. The unit of a gyro cannot be found from readings at
 rest. It is therefore taken from the column names or the format, or the user states it.
 
-Columns get their signs, if signed counts were written as unsigned numbers.
+If signed counts were written as unsigned numbers, the columns get their signs back.
 """
 
 from collections.abc import Mapping
@@ -39,7 +39,7 @@ from inercal.recordings.io.isolation import MOST_VALUES_KEY
 from inercal.recordings.io.read import detect_reader, read_recording, read_table
 from inercal.recordings.io.readers import known_options
 from inercal.recordings.io.table_recording import Columns
-from inercal.recordings.io.unsigned_counts import are_counts, signed_counts, unsigned_bits
+from inercal.recordings.io.wrapped_numbers import are_counts, signed_counts, unsigned_bits
 from inercal.recordings.segments.magnetic_means import new_value_rows
 from inercal.recordings.temperature import first_impossible
 from inercal.runfile.schema import ReadoutSection

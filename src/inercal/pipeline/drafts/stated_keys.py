@@ -1,7 +1,8 @@
-"""Run-file keys that the user states as text: `data.rate=100 Hz`, `data.gyro=[5, 6, 7]`.
+"""Read run-file keys that the user states as text: `data.rate=100 Hz`, `data.gyro=[5, 6, 7]`.
 
 A draft also states the keys of [bench] whose defaults have an effect, so that the user sees them.
-They often dominate U, such as half a degree for the tilt of a face, or one degree for a turn.
+Such defaults often dominate U, for example half a degree for the tilt of a face or one degree for a
+turn.
 """
 
 from collections.abc import Mapping
@@ -15,8 +16,7 @@ from pydantic import BaseModel
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import parse_toml
 from inercal.basics.units import si_factor
-from inercal.benches.kind_definition import Kind
-from inercal.benches.kinds import KINDS
+from inercal.benches.kind_definition import KINDS, Kind
 from inercal.physics.plan import Turn
 from inercal.physics.quantities import SensorKind
 from inercal.physics.section_settings import PLANNING, BenchUsage, key_error

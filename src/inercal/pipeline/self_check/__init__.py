@@ -1,4 +1,4 @@
-"""Self-check: run each method on stored data, and compare results with stored answers.
+"""Run each method on stored data, and compare its results with stored answers (self-check).
 
 A laboratory must validate software before using it, and after each change of program, libraries or
 machine (ISO/IEC 17025:2017, 7.11.2). Some cases use a stored table of means. The other cases use a

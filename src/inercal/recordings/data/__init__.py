@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class ReadbackColumn(NamedTuple):
-    """A column with a quantity that the bench measures: name, column, and SI size of its unit."""
+    """A column with a quantity that the bench measures, and the SI size of its unit."""
 
     name: str
     column: str
@@ -154,7 +154,7 @@ class DataSection(Section):
         return {}
 
     def further_files(self) -> dict[str, str]:
-        """Return additional files by their content, such as "readback"."""
+        """Return the additional files, each with its content, such as "readback"."""
         return {}
 
 
@@ -178,7 +178,7 @@ class RestsSection(DataSection):
 
 
 def unit_size(unit: str, like: str, key: str) -> float:
-    """Return a unit's size in SI, also for multiples such as "0.5 rev/s"; errors name `key`.
+    """Return the SI size of a unit or of a multiple such as "0.5 rev/s"; errors name `key`.
 
     Raises
     ------
@@ -270,7 +270,7 @@ class RunBase(Generic[D]):
 
     @property
     def whole_sensor(self) -> Sensor:
-        """The sensor with all of its axes and coefficients, magnetometers last."""
+        """The sensor with all of its axes and coefficients; the magnetometers come last."""
         return self.sensor if self.magnetometer is None else self.sensor.beside(self.magnetometer)
 
     @property
@@ -315,7 +315,7 @@ class RunBase(Generic[D]):
 
 @dataclass(frozen=True, eq=False)
 class EstimatorInput:
-    """The input of an estimator, prepared from the data of a run.
+    """The input that an estimator needs, prepared from the data of a run.
 
     Parameters
     ----------
@@ -354,7 +354,7 @@ class EstimatorInput:
     characteristics: tuple[Any, ...] = ()
 
     def rows(self, at: Sequence[int]) -> "EstimatorInput":
-        """Return the input with some of the rows only; the others do not enter the fit."""
+        """Return the input with only some of its rows; the fit does not use the others."""
         steps, marks = (tuple(some[k] for k in at if some) for some in (self.steps, self.marks))
         rows = self.observations.rows(at)
         return replace(self, observations=rows, marks=marks, plan=steps, steps=steps)

@@ -1,4 +1,4 @@
-"""Load the recording of a run file: columns, limits and deviations from its [data] section."""
+"""Load the recording that a run file names, with the columns that its [data] section describes."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -18,6 +18,7 @@ from inercal.recordings.data import DataSection, ReadbackColumn, RunBase
 from inercal.recordings.io.read import Columns, detect_reader, read_recording
 from inercal.recordings.io.section_files import is_pattern, read_sections
 
+_SAME_RATE = 0.2  # relative; stated rates are nominal
 READBACK = "readback"  # key in `DataSection.further_files` for the file with the bench's readback
 
 
@@ -37,7 +38,7 @@ def load_recording(run: RunBase[DataSection]) -> Recording:
 
 
 def load_magnetometers(run: RunBase[DataSection]) -> Recording:
-    """Read and audit the run's recording of the magnetometers, as a recording of its own.
+    """Read and audit only the magnetometers of a run, as a separate recording.
 
     The audit then treats the other axes as if there were no magnetometers.
 
@@ -76,12 +77,27 @@ def _load(run: RunBase[DataSection], limits: Mapping[str, tuple[float, float]]) 
         if (key := _key_of_column(run.data, error.names)) is not None:
             raise error.located(f"{run.path}: {key}", key=key) from None
         raise
+    _require_stated_rate(run, recording)
     recording = apply_axis_signs(run, recording)
     environment = run.environment
     # If the estimator follows the rest, the lag is one of its parameters.
     if environment is None or environment.lag is None or run.method.follows_rest:
         return recording
     return ahead_of_lag(recording, environment.lag.value)
+
+
+def _require_stated_rate(run: RunBase[DataSection], recording: Recording) -> None:
+    """Raise an error if the times contradict the stated rate, which a simulation uses."""
+    data, stated = run.data, run.rate_hz
+    if stated is None or data.time is None or data.time_unit == "sample":
+        return
+    if abs(recording.rate_hz / stated - 1) > _SAME_RATE:
+        raise key_error(
+            "[data] rate",
+            f"{data.rate!r} contradicts column {str(data.time)!r}, whose times give "
+            f"{recording.rate_hz:.4g} Hz; correct the rate or time_unit, or remove rate",
+            run.path,
+        )
 
 
 def _key_of_column(section: DataSection, names: Sequence[str]) -> str | None:
@@ -97,7 +113,7 @@ def _key_of_column(section: DataSection, names: Sequence[str]) -> str | None:
 
 
 def require_not_refused(source: str, finding: Finding | None) -> tuple[Finding, ...]:
-    """Return the finding, if there is one, as a tuple.
+    """Return a tuple with the finding, or an empty one if there is none.
 
     Raises
     ------

@@ -1,6 +1,7 @@
-"""Rests of a recording: read from labels or a file of marks, or detected, and then checked.
+"""Read the rests of a recording from labels or marks, or detect them, and check them.
 
-Labels may be names that people give to the faces of a case: "+Z", "z up", "x_up", "-y", "x_a".
+Labels may use the names that people give to the faces of a case, such as "+Z", "z up", "x_up", "-y"
+or "x_a".
 """
 
 import json
@@ -58,7 +59,7 @@ def parse_face(text: str) -> str | None:
 
 
 def planned_name(text: str) -> str | None:
-    """Return the name of the step in plans by hand that a label means; None if there is none.
+    """Return the step of a plan by hand to which a label refers; None if there is none.
 
     >>> planned_name("z down"), planned_name("turn x"), planned_name("face 3")
     ('z_a', 'x_rot', None)

@@ -1,4 +1,4 @@
-"""Temperatures around a bench, and the errors that they add.
+"""Describe the temperatures around a bench and the errors that they cause.
 
 A run covers several temperatures in one of two ways: as soaks, where the plan is carried out at one
 temperature after another, or as a ramp, where the temperature changes continuously. The rows of a
@@ -39,7 +39,7 @@ class ChamberProfile:
 
 @dataclass(frozen=True)
 class SoakCriteria:
-    """When a soak in a chamber is stable, and what ends a run in a chamber.
+    """The conditions under which a soak is stable, and those that end a run in a chamber.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Temperature soaks: which rows belong to each soak, and the errors that these rows share.
+"""Assign rows to temperature soaks, and compute the errors that the rows of a soak share.
 
 An error δ of a soak's temperature adds (∂y/∂T) δ to each reading of its rows; the slope ∂y/∂T comes
 from a first fit. A bias that repeats within a standard deviation s adds the same error to all rows
-of a soak. Both errors are independent from soak to soak. They are marginalised by adding them as
-columns of `inercal.recordings.Observations.common`.
+of a soak. Both errors differ independently from soak to soak. They are marginalised by adding them
+as columns of `inercal.recordings.Observations.common`.
 
 Some estimators do not use this covariance. If all temperatures are too high by δ, every estimator
 finds the polynomial b(T − δ), so the coefficient of order k − 1 changes by −k c_k δ. For errors of
@@ -36,7 +36,7 @@ def soak_numbers(observations: Observations) -> NDArray[np.int64]:
     """Return the number of the soak of each row, (r,), counted from 0 in time order.
 
     Consecutive rows belong to the same soak as long as their temperatures stay within `SOAK_SPREAD`
-    of that of its first row. If a temperature is reached again later, this is another soak.
+    of that of its first row. If the same temperature is reached again later, another soak begins.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def with_soak_errors(
 
 
 class SoakLoop(NamedTuple):
-    """Half the difference between two soaks at the same temperature, rising minus falling.
+    """Half of the difference, rising minus falling, between two soaks at the same temperature.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def with_added_covariance(estimate: Estimate, added: Array) -> Estimate:
 def changed_by_soak_errors(
     observations: Observations, sensor: Sensor, environment: Environment
 ) -> Iterator[Observations]:
-    """Yield the observations, each time changed by one standard deviation of one soak error.
+    """Yield the observations once for each soak error, changed by one standard deviation of it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Audit a recording: find what is wrong or unusual before anything is computed from it.
+"""Audit a recording, to find what is wrong or unusual before anything is computed from it.
 
 Each check is a function of the recording and returns findings. Three checks also return the samples
 to keep and their order: they drop non-finite rows and repeated rows, and sort by time any sections
@@ -25,7 +25,7 @@ from inercal.recordings.io.row_checks import (
     check_repeated_rows,
     check_time_order,
 )
-from inercal.recordings.io.unsigned_counts import unsigned_findings
+from inercal.recordings.io.wrapped_numbers import unsigned_findings
 from inercal.recordings.temperature import seems_kelvin
 
 _FASTEST = 1.0  # K/s; chambers for thermal shock reach a third of it
@@ -221,8 +221,8 @@ def require_accepted(recording: Recording) -> Recording:
 def burst_findings(recording: Recording) -> list[Finding]:
     """Refuse samples that were taken evenly but delivered and stamped in bursts by a link.
 
-    Lost samples delay a recording more and more relative to its rate, in any part of it. A burst
-    delays a sample by no more than the duration of one burst.
+    Lost samples are different: they delay the rest of the recording more and more, whereas a burst
+    delays a sample at most by the duration of the burst.
     """
     time, median = recording.time, recording.median_step
     if time.size < 4 * _HELD_BACK:

@@ -1,4 +1,4 @@
-"""A table as stored in a file: named columns, without any knowledge of a sensor."""
+"""Store a table from a file as named columns, without any knowledge of the sensor."""
 
 import hashlib
 import os
@@ -19,6 +19,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.line_numbers import LineBreaks, line_of_row
 
 Column = Array | NDArray[np.int64] | NDArray[np.str_]
+_LOCAL_DATE = re.compile(r"\s*\d{1,2}([./-])\d{1,2}\1\d{2,4}\b")  # 23.11.2026
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _MAX_LISTED_NAMES = 12  # names in a message before it ends in "…"
 MOST_COLUMNS = 1000  # a table with more is transposed, or junk that happens to parse
@@ -157,7 +158,7 @@ class Table:
         return line_of_row(row, self.first_line, self.line_breaks)
 
     def place(self, row: int) -> str:
-        """Return where a row is, in words: its line if known, otherwise its number from 1."""
+        """Describe where a row is, by its line if this is known, otherwise by its number from 1."""
         line = self.line(row)
         return f"row {row + 1}" if line is None else f"line {line}"
 
@@ -187,10 +188,13 @@ class Table:
         """
         column = self.columns[name]
         if column.dtype.kind == "U":
-            comma = _DECIMAL_COMMA.fullmatch(str(column[0])) is not None
-            advice = "write decimal points" if comma else "name another column, or correct the file"
+            first, advice = str(column[0]), "name another column, or correct the file"
+            if _DECIMAL_COMMA.fullmatch(first):
+                advice = "write decimal points"
+            elif _LOCAL_DATE.match(first):
+                advice = "write times as in ISO 8601, such as 2026-11-23T03:10:09.123"
             raise InputError(
-                f"{self.source}: column {name!r} contains text ({shorten(str(column[0]))}) "
+                f"{self.source}: column {name!r} contains text ({shorten(first)}) "
                 f"where numbers are needed; {advice}",
                 file=self.source,
                 names=(name,),

@@ -25,19 +25,17 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.recordings.io.column_table import ReadRequest, Table, shorten
 from inercal.recordings.io.isolation import Isolation
-from inercal.recordings.io.logged_corrections import (
+from inercal.recordings.io.message_columns import (
     COPY_AGAIN,
     CORRECTIONS_OPTION,
     Correction,
-    damaged_log,
-    keeps_corrections,
-    rotation_matrix,
-    stated_parameters,
-)
-from inercal.recordings.io.message_columns import (
     Messages,
     channel_columns,
+    damaged_log,
+    keeps_corrections,
     require_messages,
+    rotation_matrix,
+    stated_parameters,
     table_from_messages,
     wanted_topics,
 )

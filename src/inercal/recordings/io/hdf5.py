@@ -84,7 +84,7 @@ class Group(NamedTuple):
 
 
 def read_group(path: Path, group: str, names: Sequence[str]) -> Group:
-    """Return a group's attributes, and those of the named arrays that it contains.
+    """Return the attributes of a group, and those of the named arrays in it.
 
     If the file does not have the group, both are empty.
 

@@ -1,12 +1,12 @@
 """Read files that need a parsing library in a separate process with memory and time limits.
 
 Damaged bytes can crash a library or keep it busy forever, and a few bytes can stand for more data
-than fits into any memory. With such a file only the reading process (`reading_process`) dies, and
+than fits into any memory. Such a file then only ends the reading process (`reading_process`), and
 this process continues. The reading process is started for the first file and kept for later ones.
 
-The limits depend on the file size: 512 MiB and 32 bytes of memory for each byte, and 4 s of
-processor time and 2 s for each MB. An intact file can contain more because of compression and
-repetition; `[data] most_values` states how much.
+The limits depend on the size of the file. Reading may take 512 MiB of memory plus 32 times its
+size, and 4 s of processor time plus 2 s for each MB. An intact file may need more because it is
+compressed; `[data] most_values` raises the limit.
 
 Requests and answers are sent through a pipe, and their arrays are sent exactly as they are in
 memory. A message consists of the length of its header, the header (the length of the pickled object
@@ -112,7 +112,7 @@ def _is_not_bounded(path: Path) -> bool:
 
 
 class Isolation(NamedTuple):
-    """Description of a kind of file that is read in a separate process.
+    """Describes a kind of file that is read in a separate process.
 
     Parameters
     ----------

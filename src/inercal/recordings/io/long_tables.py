@@ -1,4 +1,4 @@
-"""Read tables that are too long for the memory: the first rows, and blocks of some columns.
+"""Read tables that do not fit into memory: first some rows, then blocks of the columns.
 
 Only plain text, Parquet, .npz and HDF5 files can be read in blocks; other formats cannot.
 """

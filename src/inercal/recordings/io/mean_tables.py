@@ -13,13 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
+from inercal.basics.arrays import Array, median_of_rows
 from inercal.basics.atomic_files import atomic_write
 from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty.rounding import last_digit
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Axis, Sensor
 from inercal.recordings import Observations, ReadingSteps, add_rounding
-from inercal.recordings.io.column_table import TOO_LARGE, Array, Table, shorten
+from inercal.recordings.io.column_table import TOO_LARGE, Table, shorten
 from inercal.recordings.io.read import Columns, read_table
 from inercal.recordings.rounding_errors import NOISY
 
@@ -195,7 +196,7 @@ def _rounding_of_digits(output: Array, deviation: Array, sensor: Sensor) -> Read
         if digit <= _ONE_DIGIT * float(np.abs(alike).max(initial=0.0)):
             step[kinds == kind] = digit
     step /= scale
-    sd = np.median(deviation, axis=0)
+    sd = median_of_rows(deviation)
     step = np.where(step**2 / 12 > _OF_NOISE * sd**2, step, 0.0)
     noise = np.where(step > 0, sd / np.where(step > 0, step, 1.0), NOISY)
     never = np.zeros(step.size, dtype=np.bool_)

@@ -2,9 +2,9 @@
 
 A file is plain if, below its header, it contains only digits, signs, exponents, decimal points,
 separators, spaces and line ends. If columns of words are wanted, it must contain no quotation mark,
-comment or bracket. Both parsers round correctly, so the numbers are equal to the last bit. What
-pyarrow refuses, such as an empty cell or a row of another length, is left to the tolerant parser,
-which fills the cell or names its line.
+comment or bracket. Both parsers round correctly, so the numbers are equal to the last bit. If
+pyarrow refuses a file, for example because of an empty cell or a row of a different length, the
+tolerant parser reads it instead and fills the cell or names the line.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence

@@ -32,7 +32,7 @@ from inercal.recordings.io.table_recording import (
     sample_times,
 )
 from inercal.recordings.io.time_stamps import nearest_samples
-from inercal.recordings.io.unsigned_counts import sign_in_place
+from inercal.recordings.io.wrapped_numbers import sign_in_place
 
 _ROUNDING = 1e-6  # of half a step, for stamps with few digits
 _UNPACK = "unpack it first"

@@ -1,4 +1,4 @@
-"""Registry of file-format readers from this and other packages, and the choice among them.
+"""Register the file-format readers of all packages, and choose the reader for a file.
 
 A reader declares which files it reads, by bytes near the beginning of the file and by suffix. A
 file is read by the first reader whose bytes it contains. Otherwise it is read by the first reader
@@ -65,7 +65,7 @@ MOST_VALUES_OPTION = Option(
     MOST_VALUES_KEY.split()[-1],
     int,
     MOST_VALUES,
-    "most 8-byte values that the file may contain in the columns that are read",
+    "largest number of 8-byte values that the file may have in the columns that are read",
 )
 
 
@@ -106,7 +106,7 @@ class Reader:
     isolation: Isolation | None = None
 
     def has_content(self, head: bytes) -> bool:
-        """Return whether a file with this beginning has this format."""
+        """Return whether the first bytes of a file show that it has this format."""
         return any(head[at:].startswith(start) for at, start in self.content)
 
     def has_suffix(self, path: Path, head: bytes) -> bool:

@@ -1,4 +1,4 @@
-"""Process that reads files for another process (see `isolation`).
+"""Run the process that reads files for another process (see `isolation`).
 
 On Linux it forks for each file, so imported modules stay loaded and each file gets a fresh process
 with all of its memory and time. Forking is safe because nothing else runs in this process. If a

@@ -1,9 +1,9 @@
-"""Runs of exactly equal readings in a channel: saturated readings and stuck readings.
+"""Find runs of exactly equal readings in a channel, which is then saturated or stuck.
 
 No amplitude is assumed. Quantised noise repeats values in runs whose lengths decrease smoothly. A
 saturated or stuck channel has much longer runs. A coarsely quantised sensor at rest also repeats
 values: long runs are normal if its steps exceed its noise. Noise around the end of the range is cut
-off there. It makes no long runs but accumulates at one value of the histogram.
+off there. It causes no long runs, but one value of the histogram becomes much more frequent.
 """
 
 from collections.abc import Sequence
@@ -112,7 +112,7 @@ def railed_ranges(x: Array, others: Sequence[Array]) -> Indices:
 
 
 def is_resting_value(x: Array, value: float, others: Sequence[Array]) -> bool:
-    """Return whether a channel reads a value because it is at rest, not at the end of its range.
+    """Return whether a channel repeats a value because it is at rest, not because it is saturated.
 
     A coarse gyro that turns in only one direction, or not at all, reads its extreme in every rest.
     The sensor is at rest while the other channels are still and this one hardly changes. The value

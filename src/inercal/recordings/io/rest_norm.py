@@ -13,7 +13,7 @@ from math import degrees, radians, sqrt
 
 import numpy as np
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, median_of_rows
 from inercal.estimation import Gaussian
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.plan import Hold, Position, Step
@@ -119,7 +119,7 @@ def rest_mean_finding(means: Array, sensor: Sensor, gravity: float) -> Finding |
     if not len(means) or sensor.rank("f") < _ALL:
         return None
     force = means[:, columns] @ np.linalg.pinv(sensor.input_axes("f")).T
-    norm = float(np.median(np.linalg.norm(force, axis=-1)))
+    norm = float(median_of_rows(np.linalg.norm(force, axis=-1)))
     return norm_finding(norm, gravity, rest_norm_text(norm, gravity))
 
 

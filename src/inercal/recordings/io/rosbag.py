@@ -5,8 +5,8 @@ specifies (REP 103, REP 145). Only message types that ROS itself defines are rea
 definitions in rosbags, because definitions in the file would be code from someone else.
 
 A first pass over the file refuses it if its index does not name each chunk exactly once. Messages
-are found through an index of the chunks. If a recorder crashed, some chunks are not in the index,
-and they would be skipped. If a chunk is named twice, its messages would appear twice.
+are found through an index of the chunks. If the recorder crashed, some chunks are missing from the
+index and would be skipped. If the index named a chunk twice, its messages would appear twice.
 
 Sources: http://wiki.ros.org/Bags/Format/2.0 and https://mcap.dev/spec.
 """

@@ -21,7 +21,7 @@ SampleLocator = Callable[[int], str]
 
 
 class RowCheck(NamedTuple):
-    """The findings of a check, and the samples to keep; None keeps all samples."""
+    """The findings of a check, and which samples to keep; None means all of them."""
 
     findings: list[Finding]
     keep: Indices | None = None
@@ -120,7 +120,7 @@ def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
 
 
 def shared_stamps_text(time: Array) -> str:
-    """Return why stamps that stand still, (n,) s, are no times, and the rate to state instead.
+    """Return why stamps that stand still, (n,) s, are not times, and the rate to state instead.
 
     The rate follows from the samples between the first and the last new stamp.
     """

@@ -1,10 +1,10 @@
-"""Read recordings with one file per section: "rest_*.csv" for rest_x_p.csv, rest_x_a.csv, ….
+"""Read recordings with one file per section: "rest_*.csv" means rest_x_p.csv, rest_x_a.csv, ….
 
 The text in place of the star is the label of all samples in a file. If the times of the files do
-not overlap, the files share one clock. Otherwise each file has its own times, and the files are
-placed one after the other, because the true time between them is unknown.
+not overlap, the files are assumed to have the same clock. Otherwise each file has its own times,
+and the files are placed one after the other, because the true time between them is unknown.
 
-The names with a star are expanded here, also those of folders, such as "*degC/run.csv".
+The star may also be in the name of a folder, as in "*degC/run.csv".
 """
 
 import re
@@ -31,7 +31,7 @@ _SIGNED = re.compile(r"[-+−]?\d+(\.\d+)?")
 
 
 def is_pattern(path: Path) -> bool:
-    """Return whether a path stands for several files: its name has a star and is no file.
+    """Return whether a path stands for several files: it has a star and no file has this name.
 
     The star is in the name of the file, or in that of its folder.
     """

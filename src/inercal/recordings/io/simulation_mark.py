@@ -1,4 +1,4 @@
-"""The mark in the file of a simulated recording, which is copied to its calibration.
+"""Mark the files of simulated recordings; the calibration receives a copy of the mark.
 
 In a CSV file it is a comment in the first line, and in a NumPy archive the comment of the ZIP file.
 In a Parquet file it is the key "simulation" in the schema's metadata, and in an HDF5 file the

@@ -1,4 +1,4 @@
-"""ROS 2 bags that are split into several files: the parts that `metadata.yaml` lists, in order.
+"""Read ROS 2 bags that were split into several files, which `metadata.yaml` lists in order.
 
 The recorder writes this file into the folder of the bag. It begins with
 `rosbag2_bagfile_information`, and its list `relative_file_paths` names the parts.

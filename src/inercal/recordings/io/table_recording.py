@@ -1,4 +1,4 @@
-"""Convert a table to a recording: contents of its columns, and times of the samples."""
+"""Convert a table to a recording: assign its columns, and compute the times of its samples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,8 +20,12 @@ from inercal.recordings.io.time_stamps import (
     times_from_iso,
     times_from_origin,
 )
-from inercal.recordings.io.unsigned_counts import sign_in_place
-from inercal.recordings.io.wrapped_stamps import MODULUS_KEY, require_no_wrap, unwrap_stamps
+from inercal.recordings.io.wrapped_numbers import (
+    MODULUS_KEY,
+    require_no_wrap,
+    sign_in_place,
+    unwrap_stamps,
+)
 from inercal.recordings.temperature import CELSIUS, TemperatureReadout
 
 _NS = 10**9

@@ -4,8 +4,8 @@ Columns are separated by semicolons, tabs, commas or white space: the first of t
 that a row of data contains. The first line names the columns if it contains no number, or a word
 above a number. A comment directly above the data also names them if it has as many words as there
 are columns. Loggers write information about themselves above the table, and units below its header
-(`table_start`). Terminals and sketches write words between the numbers (`line_forms`). Excel writes
-"sep=;" in the first line.
+(`table_start`). Terminals and sketches write words between the numbers. Excel writes "sep=;" in the
+first line.
 """
 
 import csv
@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 from inercal.basics.errors import InputError
 from inercal.recordings.io.column_table import refuse_too_many_columns
-from inercal.recordings.io.line_forms import LineForm, find_line_form
-from inercal.recordings.io.table_start import is_number, table_start
+from inercal.recordings.io.table_start import LineForm, find_line_form, is_number, table_start
 
 COMMENTS = "#%"
 _SNIFFED_LINES = 150  # that are examined; enough for a preamble, and to contain a decimal comma
@@ -257,8 +256,8 @@ def _split(
 
 def _count_advice(first: list[str], names: int, delimiter: str | None) -> str:
     """Return advice about a first data line with a different number of columns than the header."""
-    whole = all(re.fullmatch(r"[-+]?\d+", cell) for cell in first)
-    if delimiter == "," and whole and names < len(first) <= 2 * names:
+    others = [cell for cell in first if not re.fullmatch(r"[-+]?\d+", cell)]
+    if delimiter == "," and len(others) <= 1 and names < len(first) <= 2 * names:
         return (
             "the numbers look like decimal commas, and commas separate the columns too: export "
             "the file with semicolons or with decimal points"

@@ -1,4 +1,4 @@
-"""First pass over the bytes of a text file: its hash, its lines, and content that is not text.
+"""Read all bytes of a text file once, to find its hash, its lines, and anything that is not text.
 
 The file is read in blocks, so an unusable file takes little time and memory, however large it is.
 """

@@ -22,7 +22,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
 from inercal.recordings import Indices
 from inercal.recordings.io.column_table import Array, Table, shorten
-from inercal.recordings.io.wrapped_stamps import unwrap_stamps
+from inercal.recordings.io.wrapped_numbers import unwrap_stamps
 
 SLOWEST_HZ, FASTEST_HZ = 1.0, 50e3  # of recordings; at other rates the unit is wrong
 _UNSTATED_HZ = 5.0  # if no unit is stated: 1 to 5 kHz in ms would be taken for 1 to 5 Hz

@@ -22,20 +22,18 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.recordings.io.column_table import ReadRequest, Table, shorten
 from inercal.recordings.io.isolation import Isolation
-from inercal.recordings.io.logged_corrections import (
+from inercal.recordings.io.message_columns import (
     COPY_AGAIN,
     CORRECTIONS_OPTION,
     Correction,
+    Messages,
+    channel_columns,
     damaged_log,
     euler_matrix,
     keeps_corrections,
+    require_messages,
     rotation_matrix,
     stated_parameters,
-)
-from inercal.recordings.io.message_columns import (
-    Messages,
-    channel_columns,
-    require_messages,
     table_from_messages,
     wanted_topics,
 )

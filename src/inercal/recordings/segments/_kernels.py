@@ -1,4 +1,4 @@
-"""Compiled sliding-window variances; the time per sample does not depend on the window length.
+"""Compute sliding-window variances; the time per sample does not depend on the window length.
 
 The variance of a window is (Σd² − (Σd)²/w)/w, where d is the reading minus a reference. The sums
 are updated as one sample enters the window and one leaves it. After each block of windows they are

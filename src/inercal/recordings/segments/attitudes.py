@@ -1,4 +1,4 @@
-"""Rests without a plan: select usable marks, find their attitudes and the transitions between them.
+"""Without a plan, select the usable rests, and find their attitudes and the turns between them.
 
 A hand trembles even at rest, so each rest is described by its mean attitude. The rotation from one
 mean attitude to the next is the weighted integral of the rate. The weight rises from 0 to 1 during

@@ -1,4 +1,4 @@
-"""Dwells of a centrifuge arm: detect them by their steady rate and average over whole turns.
+"""Detect the dwells of a centrifuge arm by their steady rate, and average over whole turns.
 
 In an arm run the arm spins up, dwells, and then changes its rate to the next dwell. A dwell is a
 range in which the rate from the readback stays constant within one part in 500. It is cut to whole

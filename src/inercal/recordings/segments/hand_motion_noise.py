@@ -1,4 +1,4 @@
-"""Accelerometer noise while the sensor is held in a trembling hand.
+"""Estimate the noise of accelerometers that are held in a trembling hand.
 
 A wobble θ adds g θ to the readings perpendicular to gravity, and batch means would count this as
 noise. It is not an error, because the mean reading of a rest defines its mean attitude. Along
@@ -72,7 +72,7 @@ def density_without_hand_motion(density: Array, sensor: Sensor, sections: Iterab
 
 
 def noise_degrees_of_freedom(rests: int) -> int:
-    """Return the degrees of freedom of the accelerometers' noise, assuming equal axes."""
+    """Return the degrees of freedom of the accelerometers' noise, which all axes share."""
     return (_WINDOWS - 1) * rests
 
 

@@ -1,8 +1,8 @@
 """Average the readings of magnetometers over rests and over short pieces of motion.
 
 A magnetometer is often slower than the other sensors, and its column repeats each value until the
-next one arrives. The mean over a rest is that of all samples. Its covariance is that of n values,
-with n = (Σ L)² / Σ L² for values that are repeated L times. A row counts as a repetition if no axis
+next one arrives. The mean over a rest includes all samples. If values are repeated L times, its
+covariance is that of n = (Σ L)² / Σ L² independent values. A row counts as a repetition if no axis
 changes, so that the noise of a coarse magnetometer is not underestimated.
 """
 

@@ -1,4 +1,4 @@
-"""Scatter of a sensor at rest and in motion, and the threshold between the two.
+"""Find the threshold between the scatter of a sensor at rest and in motion.
 
 For each kind of axis (accelerometers, gyros) the statistic is v, the variance over a sliding window
 of half a second, summed over the axes. The threshold for each kind splits a histogram of log v into

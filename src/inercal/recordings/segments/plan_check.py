@@ -58,8 +58,8 @@ def marks_from_labels(recording: Recording, *, again: bool = False) -> tuple[Mar
         if mark.label in seen and not again:
             raise InputError(
                 f"{recording.source}: label {mark.label!r} appears again at "
-                f"{recording.where(mark.start)}, but a label marks one unbroken section: write "
-                "another label there, or none",
+                f"{recording.where(mark.start)}, but each label must mark a single unbroken "
+                f"section: use a different label there, or remove it",
                 line=recording.line(mark.start),
                 names=(mark.label,),
             )

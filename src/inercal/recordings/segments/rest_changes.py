@@ -1,4 +1,4 @@
-"""Changes of readings within sections at rest, to decide whether the sensor was still.
+"""Decide from the changes of readings within sections at rest whether the sensor was still.
 
 A section is cut into ten blocks. The sensor moved if, in some channel, the block means cover a
 larger range than noise, quantisation and slow changes of a sensor at rest can explain:

@@ -1,4 +1,4 @@
-"""Noise of sections at rest: its correlation, its scatter, and changes within sections.
+"""Determine the noise of sections at rest: its correlation, its scatter, and its changes.
 
 The statistics come from `inercal.estimation.section_statistics`, separately for accelerometers and
 gyros. For a hand-held sensor only the accelerometer readings along gravity are analysed. All other

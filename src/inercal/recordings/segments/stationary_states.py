@@ -1,4 +1,4 @@
-"""States in a rate table's recording besides dwells: rests, and findings about omitted states."""
+"""Find the rests in a recording from a rate table, and explain which states were left out."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The study of Wang and Li 2021: accelerometers on a precision centrifuge by norm observation.
+"""Run the study of Wang and Li 2021: accelerometers on a precision centrifuge by norm observation.
 
 Each module answers one question and builds the section of the page about it. The text and the
 claims of a section are in the TOML file with the section's name.
@@ -13,8 +13,7 @@ from inercal.studies.centrifuge import (
     printed_tables,
 )
 from inercal.studies.centrifuge.simulated_centrifuge import ML_TRIAL_RATIO, repeat_experiment
-from inercal.studies.section_texts import build_study
-from inercal.studies.study import MessageCallback, Study
+from inercal.studies.study import MessageCallback, Study, build_study
 
 
 def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:

@@ -1,4 +1,4 @@
-"""Table 3 and other effects of the bench: lever arms, the earth's rate and acceleration errors."""
+"""Recompute Table 3 and other effects of the bench: lever arms, earth's rate, acceleration."""
 
 from dataclasses import dataclass, replace
 
@@ -25,8 +25,7 @@ from inercal.studies.centrifuge.simulated_centrifuge import (
     steps,
 )
 from inercal.studies.claim import Claim, format_all, format_significant, judge_claim
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import StudySection, StudyTable
+from inercal.studies.study import StudySection, StudyTable, read_section_text
 
 TEXT = read_section_text("inercal.studies.centrifuge", "bench")
 

@@ -1,4 +1,4 @@
-"""The efficiency of the estimators, the observability of the plans, and a better plan."""
+"""Study how efficient the estimators are, what the plans determine, and which plan is better."""
 
 from dataclasses import replace
 
@@ -9,8 +9,14 @@ from inercal.methods.centrifuge_norm import RATES, closed_formulas
 from inercal.physics.plan import Spin
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import format_all, format_significant
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 
 TEXT = read_section_text("inercal.studies.centrifuge", "efficiency")
 
@@ -58,10 +64,10 @@ def section(trials: simulated.CentrifugeTrials) -> StudySection:
     once = simulated.steps(rates=RATES[:1]) * 3
     twice, thrice = simulated.steps(rates=RATES[:2]), simulated.steps()
     plans = {
-        "half circle, one rate, each dwell three times": once,
-        "half circle, two rates": twice,
-        "half circle, three rates, as printed": thrice,
-        "full circle, three rates": simulated.steps("full-circle"),
+        "half circle at one rate, with each dwell repeated three times": once,
+        "half circle at two rates": twice,
+        "half circle at three rates, as printed": thrice,
+        "full circle at three rates": simulated.steps("full-circle"),
     }
     ranks = {name: (spins, *rank_and_condition(spins)) for name, spins in plans.items()}
     of_once, of_twice = (rank for _, rank, _ in list(ranks.values())[:2])

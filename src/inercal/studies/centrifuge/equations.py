@@ -17,8 +17,14 @@ from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import RATES, closed_formulas
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import Claim, ClaimResult, format_significant, judge_claim
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 
 TAYLOR_TEXT = read_section_text("inercal.studies.centrifuge", "taylor")
 

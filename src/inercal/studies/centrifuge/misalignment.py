@@ -1,4 +1,4 @@
-"""The effect of ignored misalignments over the full range of Fig. 4.
+"""Compute the effect of ignored misalignments over the full range of Fig. 4.
 
 The norm changes if axes lean towards one another, but not if the triad rotates. The source's six
 equal angles are a pure rotation, the only choice without an effect.
@@ -14,8 +14,14 @@ from inercal.methods.centrifuge_norm import closed_formulas, ml
 from inercal.studies.centrifuge import simulated_centrifuge
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import format_significant
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 
 TEXT = read_section_text("inercal.studies.centrifuge", "misalignment")
 

@@ -18,8 +18,7 @@ from inercal.methods.centrifuge_norm.screening import SuspectRow, screen_rows
 from inercal.studies.centrifuge import simulated_centrifuge
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import LIMIT, Claim, ClaimResult, format_significant, judge_claim
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import StudySection, StudyTable
+from inercal.studies.study import StudySection, StudyTable, read_section_text
 
 OUTPUTS_TEXT = read_section_text("inercal.studies.centrifuge", "table1")
 

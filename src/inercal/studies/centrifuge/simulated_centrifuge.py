@@ -1,4 +1,4 @@
-"""The simulated experiment from Wang and Li 2021, section 5: dwells, outputs and truth.
+"""Simulate the experiment from section 5 of Wang and Li 2021: dwells, outputs and truth.
 
 Outputs are N = S (h·f + D (h·f)²) + b (their equation 6) along unit input axes h, in units of
 output ("V", printed as g). The specific force is in the source's unit of g, 9.8 m/s². S is in V/g,

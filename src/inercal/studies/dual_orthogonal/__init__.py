@@ -1,4 +1,4 @@
-"""The study of CN101852817A: two orthogonal accelerometers on a dividing head, with g².
+"""Run the study of CN101852817A: two orthogonal accelerometers on a dividing head, with g².
 
 The patent prints claims and no data, so the study simulates a bench. Each module answers one
 question and builds the section of the page about it. The text and the claims of a section are in
@@ -15,8 +15,7 @@ from inercal.studies.dual_orthogonal import (
     squared_observation,
     step_angle,
 )
-from inercal.studies.section_texts import build_study
-from inercal.studies.study import MessageCallback, Study, compute_stages
+from inercal.studies.study import MessageCallback, Study, build_study, compute_stages
 
 TRIAL_RATIO = 4  # trials for the table of methods per trial for each other question
 

@@ -1,4 +1,4 @@
-"""Effects of the mounting angle, of K2 and of a tilting base at the four cardinal points."""
+"""Compute the effects of mounting angle, K2 and a tilting base at the four cardinal points."""
 
 from dataclasses import replace
 
@@ -18,8 +18,14 @@ from inercal.studies.dual_orthogonal.simulated_head import (
     nominal_bench,
     simulate,
 )
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "four-points")
 

@@ -1,7 +1,7 @@
 """The error allocation shows what each item contributes to K0, and whether 0.3 µg is reached.
 
-One item at a time has its error, while the estimator assumes all of them. Then all items have their
-errors together.
+First, a single item has its error, although the estimator assumes that all of them do. Then all
+items have their errors together.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,8 +29,15 @@ from inercal.studies.dual_orthogonal.simulated_head import (
     simulate,
 )
 from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Call,
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "allocation")
 

@@ -1,4 +1,4 @@
-"""The accuracy of each method for each coefficient, and the effect of the head's error."""
+"""Find the accuracy of each method for each coefficient, and the effect of the head's error."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,8 +18,15 @@ from inercal.studies.dual_orthogonal.simulated_head import (
     simulate,
 )
 from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Call,
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 
 ACCURACY_TEXT = read_section_text("inercal.studies.dual_orthogonal", "accuracy")
 FACES_TEXT = read_section_text("inercal.studies.dual_orthogonal", "faces")

@@ -1,4 +1,4 @@
-"""The simulated bench: a dividing head with two perpendicular accelerometers.
+"""Simulate the bench: a dividing head with two perpendicular accelerometers.
 
 The bench model gives the specific force (`benches.dividing_head.sensed_motion`), and the sensor
 model gives the readings. Each error is drawn by its name, so benches with other error sizes use the

@@ -15,8 +15,7 @@ from inercal.physics.sensors import G0
 from inercal.studies.claim import Rms, format_all, format_significant, rms
 from inercal.studies.dual_orthogonal import simulated_head as simulated
 from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import StudySection, StudyTable
+from inercal.studies.study import StudySection, StudyTable, read_section_text
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "observation")
 

@@ -1,4 +1,4 @@
-"""The effect of the step between positions on the rank of g² and on the estimators."""
+"""Find the effect of the step between positions on the rank of g² and on the estimators."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,8 +17,15 @@ from inercal.studies.claim import Rms, format_significant, rms
 from inercal.studies.dual_orthogonal import simulated_head as simulated
 from inercal.studies.dual_orthogonal.squared_observation import matrix_rank
 from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Call,
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "step")
 

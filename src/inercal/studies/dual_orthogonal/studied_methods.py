@@ -1,4 +1,4 @@
-"""The methods of the study, with the priors that each uses.
+"""List the methods of the study, with the priors that each uses.
 
 The patent's empirical Bayes is a prior from tests of single accelerometers. It is made from
 calibration files, as by `inercal prior`.

@@ -20,8 +20,14 @@ from inercal.pipeline import calibrate, simulate_files
 from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read
 from inercal.studies.claim import format_significant
-from inercal.studies.section_texts import build_study, read_section_text
-from inercal.studies.study import MessageCallback, Study, StudySection, StudyTable
+from inercal.studies.study import (
+    MessageCallback,
+    Study,
+    StudySection,
+    StudyTable,
+    build_study,
+    read_section_text,
+)
 
 TEXT = read_section_text(__name__, "agreement")
 LABORATORIES = (

@@ -1,4 +1,4 @@
-"""The study of Xiao, Liu and Liu 2014: a ship model's accelerometer on a home-made rate table.
+"""Run the study of Xiao, Liu and Liu 2014: a ship model's accelerometer on a home-made rate table.
 
 The paper prints conclusions and no data, and its formulas are illegible in our copy, so the study
 simulates a table. Each module answers one question and builds the section of the page about it. The
@@ -8,10 +8,9 @@ text and the claims of a section are in the TOML file with the section's name.
 from itertools import islice
 
 from inercal.basics.parallel import Executor, in_order
-from inercal.studies.section_texts import build_study
 from inercal.studies.ship_model import equation_rank, estimators, optimiser, planar, wave_check
 from inercal.studies.ship_model.simulated_rate_table import simulate
-from inercal.studies.study import MessageCallback, Study
+from inercal.studies.study import MessageCallback, Study, build_study
 
 TRIALS_PER_DEVICE = 4  # number of trials in the tables
 TRIALS_PER_SEARCH = 500

@@ -1,4 +1,4 @@
-"""The rank of the multi-angle equations, their null directions and their damped solution."""
+"""Find the rank of the multi-angle equations, their null directions and their damped solution."""
 
 from math import radians
 from typing import NamedTuple
@@ -15,7 +15,6 @@ from inercal.methods.ship_multi_angle.norm_equations import (
 from inercal.physics.frames import exp_so3
 from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel
 from inercal.studies.claim import format_significant
-from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model.estimators import EstimatorComparison
 from inercal.studies.ship_model.simulated_rate_table import (
     MILLI,
@@ -24,7 +23,7 @@ from inercal.studies.ship_model.simulated_rate_table import (
     median_ratio,
     nominal_force,
 )
-from inercal.studies.study import StudySection, StudyTable
+from inercal.studies.study import StudySection, StudyTable, read_section_text
 
 TEXT = read_section_text("inercal.studies.ship_model", "rank")
 DAMPING_TEXT = read_section_text("inercal.studies.ship_model", "damping")

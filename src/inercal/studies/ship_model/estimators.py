@@ -11,9 +11,8 @@ from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
 from inercal.methods.ship_multi_angle.norm_equations import norm_jacobian, norm_residuals
 from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel
 from inercal.studies.claim import format_all, format_significant
-from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model import simulated_rate_table as simulated
-from inercal.studies.study import Call, StudySection, StudyTable
+from inercal.studies.study import Call, StudySection, StudyTable, read_section_text
 
 TEXT = read_section_text("inercal.studies.ship_model", "estimators")
 
@@ -21,12 +20,12 @@ ESTIMATORS = {"planar": planar, "damped": damped, "planar_norm": planar_norm, "j
 UNCALIBRATED, UNDAMPED = "uncalibrated", "Gauss–Newton"
 _STEPS, _DIVERGED = 20, 1e6  # θ
 _DESCRIPTIONS = {
-    UNCALIBRATED: "M = 1, p = 0",
-    "planar": "9 untilted states, as vectors",
-    "damped": "norms of 16 groups, from planar",
-    UNDAMPED: "the same equations, not damped",
-    "planar_norm": "untilted as vectors, tilted as norms",
-    "joint": "all 25 as vectors, mountings uncertain",
+    UNCALIBRATED: "without calibration (M = 1, p = 0)",
+    "planar": "uses 9 untilted states as vectors",
+    "damped": "uses norms of 16 groups, and starts from planar",
+    UNDAMPED: "solves the same equations without damping",
+    "planar_norm": "uses untilted states as vectors, tilted states as norms",
+    "joint": "uses all 25 states as vectors, with uncertain mountings",
 }
 
 

@@ -17,9 +17,16 @@ from inercal.methods.ship_multi_angle.norm_equations import (
 from inercal.methods.ship_planar import fit_level_states
 from inercal.physics.sensors.affine import AffineModel
 from inercal.studies.claim import format_significant
-from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model import simulated_rate_table as simulated
-from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Call,
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 
 TEXT = read_section_text("inercal.studies.ship_model", "optimiser")
 
@@ -114,7 +121,8 @@ def section(searched: Sequence[OptimiserComparison]) -> StudySection:
     goals = ", ".join(str(one.searches["default"].goal or "none") for one in searched)
     findings = [
         TEXT.judge("met", 100 * worst, 0.0,
-            f"for {len(searched)} devices after polishing; before that, met at generations "
+            f"this is the largest of {len(searched)} devices after polishing; before it, they met "
+            f"the goal at generations "
             f"{goals}"),
         *(TEXT.judge(f"far_{name}", largest[name], 0.0,
                 f"rms {format_significant(off[name].value)} g (median), up to "

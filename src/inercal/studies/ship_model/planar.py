@@ -1,4 +1,4 @@
-"""Deviations of the planar calibration, and the causes of its errors in tilted poses."""
+"""Find the deviations of the planar calibration, and the causes of its errors in tilted poses."""
 
 import numpy as np
 
@@ -7,10 +7,9 @@ from inercal.benches.rate_table.fixture import PLANES, RPM, planar_plan
 from inercal.methods.ship_planar import fit_level_states
 from inercal.physics.sensors.affine import AffineModel
 from inercal.studies.claim import format_significant
-from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model import simulated_rate_table as simulated
 from inercal.studies.ship_model.estimators import UNCALIBRATED, EstimatorComparison
-from inercal.studies.study import Chart, Curve, StudyPanel, StudySection
+from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, read_section_text
 
 TEXT = read_section_text("inercal.studies.ship_model", "planar")
 
@@ -57,14 +56,14 @@ def section(found: EstimatorComparison) -> StudySection:
     )
     findings = (
         TEXT.judge("itself", *ratios[0],
-            f"{said_mg['in']} mg at the states it was fitted to, {said_mg['out']} mg elsewhere: "
-            "the least squares also fit the errors of the three mountings"),
+            f"the error is {said_mg['in']} mg at the states it was fitted to and {said_mg['out']} "
+            f"mg elsewhere, because least squares also fits the errors of the three mountings"),
         TEXT.judge("grows", *ratios[1],
-            f"{said_mg['there']} mg at the groups, "
-            f"{format_significant(here.value / simulated.MILLI)} mg at its own"),
+            f"the error is {said_mg['there']} mg at the groups and "
+            f"{format_significant(here.value / simulated.MILLI)} mg at its own states"),
         TEXT.judge("coupling", *ratios[2],
-            "M has all nine elements, including coupling; with exact mountings, "
-            f"{said_mg['left']} mg would remain, from noise"),
+            "M has all nine elements, so it includes coupling; with exact mountings, only "
+            f"{said_mg['left']} mg would remain, which come from noise"),
     )  # fmt: skip
     return TEXT.section(
         findings,

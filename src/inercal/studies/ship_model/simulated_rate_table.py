@@ -1,4 +1,4 @@
-"""The simulated rate table: random devices, read in nine untilted states and sixteen groups.
+"""Simulate the rate table: random devices, read in nine untilted states and sixteen groups.
 
 The bench model gives the specific force (`benches.rate_table.sensed_motion`), and the sensor model
 gives the readings. A calibration is judged on fresh poses without noise: any attitude, at any speed

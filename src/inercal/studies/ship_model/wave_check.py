@@ -26,7 +26,6 @@ from inercal.basics.arrays import Array
 from inercal.physics.frames import exp_so3
 from inercal.physics.sensors import G0
 from inercal.studies.claim import format_significant
-from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model.estimators import UNCALIBRATED, EstimatorComparison
 from inercal.studies.ship_model.simulated_rate_table import (
     MILLI,
@@ -34,7 +33,15 @@ from inercal.studies.ship_model.simulated_rate_table import (
     median_estimate,
     select_trials,
 )
-from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Call,
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 
 _COMPONENTS = 60
 # In units of ω_p; a model does not follow waves much shorter than itself.
@@ -204,9 +211,8 @@ def section(found: EstimatorComparison, results: Sequence[ResidualError]) -> Stu
     value, u = 100 * worst["damped"].value, 100 * worst["damped"].u
     findings = (
         TEXT.judge("of_force", value, u,
-            f"{mg['damped']} mg; with planar {mg['planar']} mg, with joint {mg['joint']} mg, "
-            "without "
-            f"calibration {mg[UNCALIBRATED]} mg"),
+            f"the error is {mg['damped']} mg; it is {mg['planar']} mg with planar, {mg['joint']} "
+            f"mg with joint, and {mg[UNCALIBRATED]} mg without calibration"),
         TEXT.judge("of_heave", value / heave, u / heave,
             f"heave is {format_significant(heave / MILLI)} mg rms; planar leaves {parts['planar']} "
             f"%, joint {parts['joint']} %; after zeroing at rest they leave {rests['damped']} %, "

@@ -1,4 +1,4 @@
-"""The study of Liu, Cui, Zhang and Xu: an IMU on a turntable with two Kalman filters.
+"""Run the study of Liu, Cui, Zhang and Xu: an IMU on a turntable with two Kalman filters.
 
 The paper prints bounds on the errors of one device but neither its noise nor the table's errors,
 and its formulas are illegible in our copy, so the study simulates a table. Each module answers one
@@ -7,8 +7,7 @@ the TOML file with the section's name.
 """
 
 from inercal.basics.parallel import Executor
-from inercal.studies.section_texts import build_study
-from inercal.studies.study import MessageCallback, Study
+from inercal.studies.study import MessageCallback, Study, build_study
 from inercal.studies.turntable import printed_accuracy, state_models
 from inercal.studies.turntable import turntable_trials as of_devices
 

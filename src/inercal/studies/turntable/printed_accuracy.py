@@ -8,8 +8,14 @@ from inercal.benches.turntable.paths import discrete_path, fast_path, paper_path
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.physics.sensors import G0
 from inercal.studies.claim import ClaimResult, Rms, format_all, format_significant
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 from inercal.studies.turntable.simulated_turntable import ARW, MICRO_G, PPM, TABLE
 from inercal.studies.turntable.turntable_trials import (
     COEFFICIENT_KINDS,

@@ -1,4 +1,4 @@
-"""The simulated turntable with an IMU of grade T.
+"""Simulate the turntable with an IMU of grade T.
 
 The bench model gives the motion and the readback (`simulate_turntable_motion`), and the sensor
 model gives the readings, with white noise and a Gauss–Markov drift of the biases. The filters know

@@ -5,8 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from inercal.studies.claim import ClaimResult, format_all, format_significant
-from inercal.studies.section_texts import read_section_text
-from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import (
+    Chart,
+    Curve,
+    StudyPanel,
+    StudySection,
+    StudyTable,
+    read_section_text,
+)
 from inercal.studies.turntable import turntable_trials as trials
 from inercal.studies.turntable.printed_accuracy import EIGHTEEN_STATES, FULL_STATES, OWN_PATH
 from inercal.studies.turntable.simulated_turntable import LATENCY
@@ -112,19 +118,20 @@ def failures_section(found: trials.TurntableTrials) -> StudySection:
     late, delayed = result[trials.DELAYED_15_STATES], result[trials.DELAYED_19_STATES]
     findings = (
         FAILURES_TEXT.judge("fed_back", *lost.largest_axis["misalignment"],
-            f"a raw bias of 0.3 °/s rotates the attitude until the first-order equations no longer "
-            "hold; with feedback it is "
+            f"without feedback, a raw bias of 0.3 °/s rotates the attitude until the first-order "
+            f"equations no longer hold; with feedback the error is "
             f"{format_significant(own.largest_axis['misalignment'].value)}″"),
         FAILURES_TEXT.judge("ends", float(max(found.decided_at_ends)), 0.0,
             "after whole turns the effects of misalignments cancel, so none of the six can be "
             "determined; attitudes must be compared continuously"),
         FAILURES_TEXT.judge("enough", *sensed.largest_axis["misalignment"],
-            f"bias {format_significant(sensed.bias.value)} °/min and NEES "
-            f"{format_significant(sensed.nees.value)} in addition; with nine more states and the "
-            "whole recording "
+            f"the bias error is {format_significant(sensed.bias.value)} °/min and the NEES "
+            f"{format_significant(sensed.nees.value)}; with nine more states and the whole "
+            f"recording the misalignment error is "
             f"{format_significant(modelled.largest_axis['misalignment'].value)}″"),
         FAILURES_TEXT.judge("on_time", *late.largest_axis["misalignment"],
-            f"NEES {format_significant(late.nees.value)}; with the delay as a state "
+            f"the NEES is {format_significant(late.nees.value)}; if the delay is a state, the "
+            f"error is "
             f"{format_significant(delayed.largest_axis['misalignment'].value)}″"),
     )  # fmt: skip
     return FAILURES_TEXT.section(

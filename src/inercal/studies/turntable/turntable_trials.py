@@ -159,10 +159,10 @@ ACCELEROMETER_RUNS: Mapping[str, FilterRun] = {
 DELAYED_TABLE = replace(TABLE, latency=replace(TABLE.latency, value=LARGE_LATENCY))
 DISCRETE_PROCEDURE = "discrete, 19 min"
 TURNS_BOTH_WAYS = "±1080° at 30 °/s, full, own path"
-REST_ALONE = "72 s of rest alone"
-OPEN_LOOP = "15 states, nothing fed back"
-G_SENSITIVE_OWN_PATH = "10 °/h/g unmodelled, 15 states, own path"
-G_SENSITIVE_FULL = "10 °/h/g unmodelled, full, whole recording"
+REST_ALONE = "only 72 s of rest"
+OPEN_LOOP = "15 states, without feedback"
+G_SENSITIVE_OWN_PATH = "10 °/h/g not modelled, 15 states, own path"
+G_SENSITIVE_FULL = "10 °/h/g not modelled, full, whole recording"
 G_SENSITIVE_MODELLED = "10 °/h/g, with nine more states"
 DELAYED_15_STATES, DELAYED_19_STATES = (
     "20 ms late, 15 states, own path",

@@ -1,4 +1,4 @@
-"""Measurements that qualify a bench; each estimates parameters of the bench from readings.
+"""Qualify a bench by measurements, each of which estimates some of its parameters.
 
 The functions accept arrays in SI and return `MeasuredParameters`.
 """

@@ -1,4 +1,4 @@
-"""The azimuth of a table, measured with the earth's rate.
+"""Determine the azimuth of a table by the earth's rate.
 
 The input axis of a gyro is level and has the azimuth α + ψ − θ when the table is turned by θ about
 the vertical (counter-clockwise seen from above). The gyro reads::

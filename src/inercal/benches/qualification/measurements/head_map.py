@@ -1,4 +1,4 @@
-"""The error of a dividing head or a table's readback, from a polygon and an autocollimator.
+"""Determine the error of a dividing head or a readback with a polygon and an autocollimator.
 
 At the angle θ the autocollimator reads the angle by which the spindle leads θ, minus the deviation
 p of the face::

@@ -1,4 +1,4 @@
-"""The static radius of a centrifuge's or rate table's arm, and its stretch.
+"""Determine the static radius of the arm of a centrifuge or rate table, and its stretch.
 
 With a coordinate measuring machine, the radius is the mean of the readings. An accelerometer whose
 scale factor S is known, and whose input axis points to the axis of rotation, gives at the rates ω::

@@ -1,4 +1,4 @@
-"""The rate of a table or a centrifuge's arm, measured with a counter, and its stability.
+"""Determine the rate of a table or a centrifuge's arm with a counter, and its stability.
 
 N whole turns in T seconds give the mean rate 2πN/T, with the relative uncertainty u = √2 u_t/T from
 two time stamps. The comparison with the rate Ω that the bench states is::

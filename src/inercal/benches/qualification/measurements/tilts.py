@@ -1,4 +1,4 @@
-"""Tilts measured with a level: lean and wobble of a table, and the right angle between two axes.
+"""Determine tilts with a level: lean and wobble of a table, and the right angle of two axes.
 
 A level turns with a table. At the table's angle θ (counter-clockwise seen from above) it points to
 the azimuth A = A₀ − θ. It reads its zero, the lean of the axis and the wobble of the bearing::

@@ -1,4 +1,4 @@
-"""Increments of a turntable's readback and of the gyros between knots, which are then compared.
+"""Compare the increments of a turntable's readback and of the gyros between knots.
 
 `gyro_comparison` describes the model of the comparison.
 """

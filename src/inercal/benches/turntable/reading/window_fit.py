@@ -1,4 +1,4 @@
-"""The weighted residuals of several gyros in one window, computed in linear time.
+"""Compute the weighted residuals of several gyros in one window, in linear time.
 
 The noise of n increments has a tridiagonal covariance T = L D Lᵀ, and the parameters add C P Cᵀ.
 With A = D^−½ L⁻¹ C P^½, and Q the upper part of the orthogonal factor in [A; 1] = Q R, the inverse

@@ -1,1 +1,1 @@
-"""The revisions of the register's tables; Alembic applies them when a register is opened."""
+"""Revise the tables of a register; Alembic applies the revisions when a register is opened."""
