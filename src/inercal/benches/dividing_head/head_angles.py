@@ -64,6 +64,7 @@ def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[st
     named, creeping, trimmed = pass_names(steps), drift_ramps(steps), _trim_references(bench, steps)
     # All visits to a position share its graduation and face errors, named after the first visit.
     place = [steps[k].label for k in first_visit_rows(steps)]
+    collimated = any(step.reading for step in steps)
     mean = sum(step.reading for step in steps) / len(steps)
     rows: list[dict[str, float]] = []
     for k, step in enumerate(steps):
@@ -74,7 +75,8 @@ def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[st
         first = trimmed[k]
         if bench.collimated == "every":
             own[f"face[{step.label}]"] = 1.0
-            own[READING_SCALE] = step.reading - mean
+            if collimated:
+                own[READING_SCALE] = step.reading - mean
             own[f"polygon[{place[k]}]"] = 1.0
         else:
             read = k if first is None else first
@@ -84,7 +86,8 @@ def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[st
             own[f"division[{place[read]}]"] = 1.0
         if first is not None:
             own[f"trim[{step.label}]"] = 1.0
-            own[READING_SCALE] = step.reading - steps[first].reading
+            if collimated:
+                own[READING_SCALE] = step.reading - steps[first].reading
             own[f"polygon[{place[k]}]"] = 1.0
             own[f"polygon[{place[first]}]"] = -1.0
         rows.append(own)
