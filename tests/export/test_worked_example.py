@@ -18,7 +18,7 @@ from inercal.calibration import Calibration, Validity
 from inercal.export import export_calibration
 from inercal.physics.sensors import TABLES, imu
 from inercal.physics.sensors.basis_functions import Basis
-from inercal.physics.sensors.coefficient_tables import ErrorTerm
+from inercal.physics.sensors.coefficient_tables import TERMS, ErrorTerm
 
 M = np.array([[1.0012, 0.0030, -0.0021], [-0.0018, 0.9985, 0.0007], [0.0026, -0.0011, 1.0020]])
 B = np.array([0.12, -0.08, 0.25])
@@ -137,6 +137,7 @@ def test_an_order_of_temperature_that_is_added_to_the_tables_is_exported_and_rea
     ]
     monkeypatch.setitem(TABLES, "f", (*(t for t in TABLES["f"] if t.name not in
                                         ("k0_dT3", "k0_dT4")), *added))  # fmt: skip
+    monkeypatch.setitem(TERMS, "f", {one.name: one for one in TABLES["f"]})  # as at import
     calibration = with_temperature(2e-3, -1e-5, 3e-7)
     ids = {"acc_id": 1, "gyro_id": 2}
     for to, options in (("px4", ids), ("ardupilot", None)):

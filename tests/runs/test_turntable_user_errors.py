@@ -241,7 +241,7 @@ def time_in_milliseconds(one: Recording) -> Recording:
         (freeze_channel, " 131 s", {"names": ("outer", "middle", "inner")}),
         (clip_channel, "gx stays at 25", {"names": ("gx",)}),
         (cut_gap, "9.99 s", {}),
-        (halve_time, "5 ms per sample", {"key": "[data] gyro"}),
+        (halve_time, "200 Hz", {"key": "[data] rate"}),
         (time_in_milliseconds, '"ms"', {}),
     ],
     ids=["spike", "dead", "stuck", "clipped", "torn", "faster", "in ms"],
