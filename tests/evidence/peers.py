@@ -18,6 +18,8 @@ import allantools
 import imucal
 import numpy as np
 import pandas as pd
+from tests.accuracy.test_ferraris_recordings import run_file as ferraris_run_file
+from tests.accuracy.test_hand_held_recordings import upper
 from tests.evidence import imu_tk_algorithm as imu_tk
 from tests.evidence.stored_counts import FOLDER
 
@@ -29,34 +31,7 @@ ROOT = Path(__file__).parents[2]
 DATA, PAGE = FOLDER / "peers.json", FOLDER / "peers.md"
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
-FERRARIS = {
-    "A": (
-        102.4,
-        -360,
-        'unit = "m/s²"\n[sensor.gyro]\nunit = "°/s"',
-        'file = "{0}/example_ferraris_session.csv"\nrate = "102.4 Hz"\ntime = "n_samples"\n'
-        'marks = "{0}/example_ferraris_session_list.json"',
-    ),
-    "B": (
-        204.8,
-        360,
-        'unit = "LSB"\nscale = "2048 LSB/g"\n[sensor.gyro]\nunit = "LSB"\nscale = "16.4 LSB/(°/s)"',
-        'file = "{0}/annotated_session.csv"\nrate = "204.8 Hz"\ntime = "samples"\n'
-        'label = "part"\nmarks = "labels"',
-    ),
-}
-RUN = """[sensor]
-[sensor.accelerometer]
-{units}
-[bench]
-gravity = "9.81 m/s² ± 1 mm/s²"
-[data]
-time_unit = "sample"
-{files}
-[method]
-name = "ferraris"
-turn = "{turn} °"
-"""
+RATES_AND_TURNS = {"A": (102.4, -360), "B": (204.8, 360)}  # Hz, °
 # Printed by imu_tk for its own recording, and in the papers, as the folders of the data quote them.
 PUBLISHED = {  # scale factors and offsets of accelerometers, scale factors of gyros
     "xsens": (
@@ -90,7 +65,7 @@ def data_folder() -> Path:
 
 def ferraris_rows(session: str, scratch: Path, data: Path) -> Iterator[Row]:
     """Compare scale factors and biases of a session with those of imucal, in output units."""
-    rate, turn, units, files = FERRARIS[session]
+    rate, turn = RATES_AND_TURNS[session]
     folder = data / "ferraris_imucal"
     if session == "A":
         table = pd.read_csv(folder / "example_ferraris_session.csv")
@@ -104,9 +79,7 @@ def ferraris_rows(session: str, scratch: Path, data: Path) -> Iterator[Row]:
     theirs = peer.compute(
         regions, sampling_rate_hz=rate, from_acc_unit=units_of[0], from_gyr_unit=units_of[1]
     )
-    run_file = scratch / f"{session}.toml"
-    text = RUN.format(units=units, files=files.format(folder.resolve()), turn=turn)
-    run_file.write_text(text, encoding="utf-8")
+    run_file = ferraris_run_file(folder, scratch, session, turn).path
     found = inercal.calibrate(run_file).calibration
     for kind, letter, k1, k0 in (("a", "a", "k1", "k0"), ("g", "g", "scale", "bias")):
         for i, axis in enumerate("xyz"):
@@ -132,12 +105,6 @@ def axis_terms(found: Calibration, axis: str, k1: str, k0: str) -> tuple[float, 
     bias = readout.scale * found.value(f"{axis}.{k0}")
     u = [2 * readout.scale * found.uncertainty(f"{axis}.{name}") for name in (k1, k0)]
     return float(scale), float(bias), *u
-
-
-def upper(forward: Array) -> Array:
-    """Return a forward matrix in the frame of imu_tk: K⁻¹ T⁻¹, upper triangular, by a rotation."""
-    _, r = np.linalg.qr(forward[::-1, ::-1].T)
-    return np.asarray((r.T * np.sign(np.diag(r)))[::-1, ::-1])
 
 
 def forward(found: Calibration, letter: str, k1: str) -> Array:
