@@ -19,6 +19,7 @@ def test_a_compiled_template_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyP
         compiled.append(given[2])
         return compile_source(*given, **options)
 
+    tmp_path.chmod(0o750)
     monkeypatch.setattr(templates, "_COMPILED", str(tmp_path))
     monkeypatch.setattr(Environment, "_generate", counted)
     pages: list[str] = []
@@ -29,6 +30,7 @@ def test_a_compiled_template_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert pages[0] == pages[1]
     assert "glossary.html" in compiled
     assert len(compiled) == len(set(compiled))
+    assert {file.stat().st_mode & 0o777 for file in tmp_path.iterdir()} == {0o640}
 
 
 def test_pages_need_no_folder_for_compiled_templates(

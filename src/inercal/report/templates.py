@@ -1,6 +1,7 @@
 """Render page templates; they all extend `base.html`, which contains head and style."""
 
 import os
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
@@ -11,6 +12,7 @@ from jinja2 import (
     PackageLoader,
     StrictUndefined,
 )
+from jinja2.bccache import Bucket
 from markupsafe import Markup
 
 from inercal.physics.glossary import Term, find_term, glossary
@@ -49,12 +51,24 @@ def glossary_page() -> str:
     return render("glossary.html", groups=glossary())
 
 
+class _CompiledTemplates(FileSystemBytecodeCache):
+    """Compiled templates that all users may read who may read their folder."""
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        """Store a template; a page needs no stored template, so a full disk is no error."""
+        with suppress(OSError):
+            super().dump_bytecode(bucket)
+            file = os.path.join(self.directory, self.pattern % bucket.key)
+            # Jinja writes files that only their owner can read.
+            os.chmod(file, os.stat(self.directory).st_mode & 0o666)
+
+
 @cache
 def _environment(package: str) -> Environment:
     # Compiling the template of a report takes about as long as drawing one of its figures.
     keep = os.access(_COMPILED, os.W_OK | os.X_OK)
     return Environment(
-        bytecode_cache=FileSystemBytecodeCache(_COMPILED) if keep else None,
+        bytecode_cache=_CompiledTemplates(_COMPILED) if keep else None,
         loader=ChoiceLoader([PackageLoader(package, "."), PackageLoader(_PACKAGE, ".")]),
         autoescape=True,
         undefined=StrictUndefined,
