@@ -8,9 +8,11 @@ Lines without a name, such as titles and sums, are ignored. Comments begin with 
 """
 
 import re
+from collections.abc import Mapping
 from math import isfinite
 
 from inercal.basics.errors import InputError
+from inercal.export.reader_definition import REFERENCE, StatedCalibration, StatedTriad
 
 _COMMENT = re.compile(r"#|//")
 _BETWEEN = re.compile(r"[\s,;=:]+")
@@ -61,3 +63,41 @@ def stated_parameters(text: str, autopilot: str) -> dict[str, float]:
             f"{autopilot}, as a ground station saves them"
         )
     return known
+
+
+def parameter_calibration(
+    program: str, triads: Mapping[str, StatedTriad], references: set[float], parameter: str
+) -> StatedCalibration:
+    """Return the calibration stated by the parameters of a flight controller.
+
+    Parameters
+    ----------
+    program : str
+        Name of the program, used in the note.
+    triads : mapping of "f", "w" or "m" to StatedTriad
+    references : set of float
+        Reference temperatures that the triads state, K.
+    parameter : str
+        Name of the parameter that contains the reference temperature.
+
+    Raises
+    ------
+    InputError
+        The reference temperatures differ.
+    """
+    if len(references) > 1:
+        raise InputError(
+            f"{parameter} of accelerometers and gyros differ, but a sensor of inercal has only "
+            "one reference temperature; import a file with only one of the two kinds"
+        )
+    return StatedCalibration(
+        triads.get("f"),
+        triads.get("w"),
+        reference_temperature=next(iter(references), REFERENCE),
+        notes=(
+            *(f"{program} states no misalignment and no scale factor of gyros",)
+            * bool({*triads} - {"m"}),
+            *(f"{program} states no rotation between magnetometers and body",) * ("m" in triads),
+        ),
+        magnetometer=triads.get("m"),
+    )

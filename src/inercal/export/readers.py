@@ -27,12 +27,8 @@ from inercal.basics.registry import Registry
 from inercal.basics.small_files import read_small_file
 from inercal.basics.units import si_factor
 from inercal.calibration import Calibration
-from inercal.export.target_definition import (
-    CalibrationReader,
-    StatedCalibration,
-    StatedTriad,
-    resolve_options,
-)
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.target_definition import resolve_options
 from inercal.export.term_kinds import temperature_order, term_kind
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors import TABLES, Axis, Readout, Sensor, axes_along

@@ -20,18 +20,10 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
-from inercal.export.parameter_files import stated_parameters
+from inercal.export.parameter_files import parameter_calibration, stated_parameters
 from inercal.export.ranges import temperature_limits
-from inercal.export.target_definition import (
-    CalibrationReader,
-    Rendering,
-    Request,
-    StatedCalibration,
-    StatedTriad,
-    Target,
-    TargetOption,
-    parameter_calibration,
-)
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
 
 _INTEGER, _REAL = 6, 9  # MAV_PARAM_TYPE
