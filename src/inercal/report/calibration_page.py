@@ -21,19 +21,10 @@ from inercal.calibration.suspect_text import p_value_text
 from inercal.methods.observability import NOISE_ONLY_NOTE
 from inercal.physics.plan import Hold, Rotation, Spin, Step, Turn
 from inercal.pipeline import Outcome
-from inercal.report import report_tables
+from inercal.report import report_tables, traces
 from inercal.report.drawing import draw_plot
 from inercal.report.figures import correlations, departures, residuals
 from inercal.report.templates import render
-from inercal.report.traces import (
-    missing_faces,
-    residuals_by_step,
-    scatter_figure,
-    section_figure,
-    sphere,
-    step_residual_figure,
-    uses_whole_recording,
-)
 
 if TYPE_CHECKING:
     from inercal.laboratory.store import SensorHistory
@@ -118,14 +109,14 @@ def calibration_page(
         p_value=report_tables.short_p_value,
         candidates=report_tables.candidate_rows(outcome),
         candidate_count=report_tables.candidate_count(outcome),
-        whole=uses_whole_recording(outcome),
+        whole=traces.uses_whole_recording(outcome),
         words=words,
         plots=[(one.text, draw_plot(one)) for one in (*kind.plots(outcome), *outcome.plots)],
         over_time=None if register is None else _history_section(register),
         **_filter_figures(outcome, truth),
-        spheres=(sphere(found, 1), sphere(found, -1)) if found else (),
+        spheres=(traces.sphere(found, 1), traces.sphere(found, -1)) if found else (),
         sections=attitude_rows(outcome, found),
-        missing=missing_faces(found),
+        missing=traces.missing_faces(found),
         has_face_positions=Hold in kind.steps and not estimate.groups,
         has_gyros=any(axis.measures == "w" for axis in calibration.sensor.axes),
         has_turns=any(isinstance(step, Turn | Rotation) for step in outcome.steps),
@@ -137,8 +128,8 @@ def calibration_page(
         free=bool(estimate.groups),
         rest_scatter=None
         if recording is None or outcome.rests is None
-        else scatter_figure(recording, outcome.calibration.sensor, outcome.rests),
-        traces=None if recording is None else section_figure(outcome, recording),
+        else traces.scatter_figure(recording, outcome.calibration.sensor, outcome.rests),
+        traces=None if recording is None else traces.section_figure(outcome, recording),
         correlations=correlations(estimate) if len(chosen) > 1 else None,
         strongest=report_tables.strongest_correlations(estimate),
         bench=grids,
@@ -159,8 +150,8 @@ def specification_rows(outcome: Outcome) -> tuple[list[str], list[LimitRow]] | N
 
 def _residual_figure(outcome: Outcome) -> Markup | None:
     """Return the figure of residuals, or None if there are no residuals."""
-    if uses_whole_recording(outcome):
-        return step_residual_figure(residuals_by_step(outcome))
+    if traces.uses_whole_recording(outcome):
+        return traces.step_residual_figure(traces.residuals_by_step(outcome))
     estimate = outcome.estimate
     return residuals(outcome) if estimate.whitened.size or estimate.groups else None
 

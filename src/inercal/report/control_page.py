@@ -12,16 +12,8 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.estimation.uncertainty.control_charts import KINDS, LastingKind
-from inercal.laboratory.check_standard import ControlCharts
+from inercal.laboratory.check_standard import ControlCharts, chart_texts
 from inercal.laboratory.check_standard.bench_charts import BenchCharts
-from inercal.laboratory.check_standard.chart_texts import (
-    bench_lines,
-    control_lines,
-    day,
-    day_signals,
-    newest_statistics,
-    signal_text,
-)
 from inercal.laboratory.store import CalibrationEntry
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
@@ -45,12 +37,12 @@ def control_page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | No
     doubtful : sequence of CalibrationEntry, optional
         Calibrations in the register that were made while the bench was doubtful.
     """
-    lines = [sentence(line) for line in control_lines(found)]
+    lines = [sentence(line) for line in chart_texts.control_lines(found)]
     return render(
         "control.html",
         sensor=found.matched.sensor.name,
         reference=found.reference_days,
-        until=day(found.reference_end),
+        until=chart_texts.day(found.reference_end),
         days=len(found.points),
         lasting=_LASTING_WORDS[found.limits.lasting_kind],
         tone="good" if not found.episodes else "care" if found.in_control else "bad",
@@ -60,10 +52,10 @@ def control_page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | No
         figures=_axis_figures(found) if found.points else [],
         signals=[
             (
-                day(one.last),
+                chart_texts.day(one.last),
                 typeset_minus(f"{found.values.t2[t]:.1f}"),
                 typeset_minus(f"{found.values.mewma[t]:.1f}"),
-                "; ".join(signal_text(kind, one.signals[kind]) for kind in KINDS
+                "; ".join(chart_texts.signal_text(kind, one.signals[kind]) for kind in KINDS
                           if kind in one.signals),
             )
             for t, one in enumerate(found.points)
@@ -76,7 +68,9 @@ def control_page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | No
 
 def _doubtful_rows(entries: Sequence[CalibrationEntry]) -> list[tuple[str, str, str, str]]:
     """Return the table rows for the section about doubtful calibrations."""
-    return [(f"#{one.id}", one.sensor, day(one.measured), one.method) for one in entries]
+    return [
+        (f"#{one.id}", one.sensor, chart_texts.day(one.measured), one.method) for one in entries
+    ]
 
 
 def _times(found: ControlCharts) -> Array:
@@ -132,20 +126,20 @@ def bench_control_page(found: BenchCharts, doubtful: Sequence[CalibrationEntry] 
     doubtful : sequence of CalibrationEntry
         Calibrations in the register that were made while the bench was doubtful.
     """
-    lines = [sentence(line) for line in bench_lines(found)]
+    lines = [sentence(line) for line in chart_texts.bench_lines(found)]
     return render(
         "bench_control.html",
         bench=found.bench,
         runs=len(found.runs),
-        first=day(found.runs[0].measured),
-        last=day(found.runs[-1].measured),
+        first=chart_texts.day(found.runs[0].measured),
+        last=chart_texts.day(found.runs[-1].measured),
         tone="good" if not found.episodes else "care" if found.in_control else "bad",
         summary=lines[0],
         lines=lines[1:],
         figure=_bench_figure(found),
         lasting=_LASTING_WORDS[found.lasting_kind],
-        parameters=[tuple(map(typeset_minus, row)) for row in newest_statistics(found)],
-        signals=day_signals(found),
+        parameters=[tuple(map(typeset_minus, row)) for row in chart_texts.newest_statistics(found)],
+        signals=chart_texts.day_signals(found),
         doubtful_rows=_doubtful_rows(doubtful),
     )
 

@@ -16,18 +16,8 @@ from inercal.calibration.comparison.run_to_run import format_en
 from inercal.calibration.suspect_text import p_value_text
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.laboratory.check_standard.chart_texts import day
-from inercal.laboratory.store import NoiseEntry, SensorHistory
+from inercal.laboratory.store import NoiseEntry, SensorHistory, history_text
 from inercal.laboratory.store.history import CoefficientTrend
-from inercal.laboratory.store.history_text import (
-    drift_text,
-    format_bands,
-    format_point,
-    format_slope,
-    history_lines,
-    interval_table,
-    limit_text,
-    recalibration_lines,
-)
 from inercal.laboratory.store.recalibration import Recalibration, recalibration
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
@@ -38,12 +28,12 @@ from inercal.report.templates import render
 
 def recalibration_section(found: Recalibration) -> Markup:
     """Return the table of calibration intervals and the conclusions from it, as HTML."""
-    heads, cells = interval_table(found)
+    heads, cells = history_text.interval_table(found)
     rows = [
-        (one.name, typeset_minus(limit_text(found, one)), *row)
+        (one.name, typeset_minus(history_text.limit_text(found, one)), *row)
         for one, row in zip(found.rows, cells, strict=True)
     ]
-    lines = [f"{line[0].upper()}{line[1:]}." for line in recalibration_lines(found)]
+    lines = [f"{line[0].upper()}{line[1:]}." for line in history_text.recalibration_lines(found)]
     return Markup(render("recalibration.html", heads=heads, rows=rows, lines=lines))
 
 
@@ -108,7 +98,7 @@ def summary_lines(history: SensorHistory) -> list[Markup]:
     ]
     return [
         sentence_with_index(line)
-        for line in (_verdict_counts(history), *named, *history_lines(history))
+        for line in (_verdict_counts(history), *named, *history_text.history_lines(history))
     ]
 
 
@@ -152,9 +142,9 @@ def _axis_histories(history: SensorHistory) -> list[AxisHistory]:
 
 def _coefficient_row(trend: CoefficientTrend) -> dict[str, str]:
     """Return the table cells for one coefficient: newest value, E_n, U, drift and verdict."""
-    value, expanded = format_point(trend, -1)
-    mean_expanded, next_use_expanded = format_bands(trend)
-    slope, slope_expanded = format_slope(trend)
+    value, expanded = history_text.format_point(trend, -1)
+    mean_expanded, next_use_expanded = history_text.format_bands(trend)
+    slope, slope_expanded = history_text.format_slope(trend)
     return {
         "name": trend.name,
         "meaning": trend.meaning,
@@ -167,7 +157,7 @@ def _coefficient_row(trend: CoefficientTrend) -> dict[str, str]:
         "slope": typeset_minus(slope),
         "slope_expanded": slope_expanded,
         "verdict": trend.verdict,
-        "words": typeset_minus(drift_text(trend)),
+        "words": typeset_minus(history_text.drift_text(trend)),
     }
 
 
@@ -176,7 +166,7 @@ def _cell(trend: CoefficientTrend, place: int) -> str:
         return ""
     k = trend.points.index(place)
     star = " *" if abs(trend.normalised_errors[k]) > 1 else ""
-    return typeset_minus(" ± ".join(format_point(trend, k))) + star
+    return typeset_minus(" ± ".join(history_text.format_point(trend, k))) + star
 
 
 def _entry_rows(history: SensorHistory) -> list[tuple[str, ...]]:

@@ -21,16 +21,7 @@ from inercal.benches.centrifuge.settings import CentrifugeData
 from inercal.physics.plan import Spin, arm_attitude
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Finding, Recording
-from inercal.recordings.data import EstimatorInput, RunBase
-from inercal.recordings.data.recording_loader import (
-    load_recording,
-    position_name,
-    readback_columns,
-    readback_units,
-    reader_columns,
-    require_not_refused,
-    stated_deviations,
-)
+from inercal.recordings.data import EstimatorInput, RunBase, recording_loader
 from inercal.recordings.io.mean_tables import observations_from_table, read_columns
 from inercal.recordings.io.rest_norm import UNIT_CONFUSIONS, norm_finding
 from inercal.recordings.segments import average_dwells, find_dwells
@@ -163,7 +154,10 @@ def observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
         )
     result = _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
     refusal = norm_refusal(run, bench, result)
-    return replace(result, findings=result.findings + require_not_refused(run.data.file, refusal))
+    return replace(
+        result,
+        findings=result.findings + recording_loader.require_not_refused(run.data.file, refusal),
+    )
 
 
 def _table(run: RunBase[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
@@ -174,8 +168,8 @@ def _table(run: RunBase[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
             "mean of the arm's acceleration is zero",
             run.path,
         )
-    named, units = readback_columns(run), readback_units(run)
-    wanted = reader_columns(run)
+    named, units = recording_loader.readback_columns(run), recording_loader.readback_units(run)
+    wanted = recording_loader.reader_columns(run)
     path = run.file(run.data.file)
     table = read_columns(path, wanted, list(named.values()))
     readback = {name: table.numbers(column) * units[name] for name, column in named.items()}
@@ -192,12 +186,14 @@ def _table(run: RunBase[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
     if wanted.label is None:
         names = [f"row {k}" for k in range(1, len(rates) + 1)]
     else:
-        names = [position_name(value) for value in table.columns[wanted.label].tolist()]
+        names = [
+            recording_loader.position_name(value) for value in table.columns[wanted.label].tolist()
+        ]
     labels = tuple(
         f"{name} at {rate:.6g} {unit}" for name, rate in zip(names, rates / size, strict=True)
     )
     observations = observations_from_table(
-        path, table, labels, wanted, run.sensor, stated_deviations(run)
+        path, table, labels, wanted, run.sensor, recording_loader.stated_deviations(run)
     )
     attitudes = [None] * len(labels)
     if "psi" in readback:
@@ -210,7 +206,7 @@ def _table(run: RunBase[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
 
 
 def _recording(run: RunBase[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
-    recording, units = load_recording(run), readback_units(run)
+    recording, units = recording_loader.load_recording(run), recording_loader.readback_units(run)
     recording = replace(
         recording,
         readback={name: values * units[name] for name, values in recording.readback.items()},

@@ -8,16 +8,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.benches.dividing_head.passes import (
-    CARDINAL_ANGLES,
-    drift_ramps,
-    evenly_spaced_angles,
-    first_visit_rows,
-    matches_any_angle,
-    pass_names,
-    pass_numbers,
-    rows_without_series,
-)
+from inercal.benches.dividing_head import passes
 from inercal.physics.plan import Index
 
 if TYPE_CHECKING:
@@ -61,9 +52,13 @@ def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[st
     """Return the derivatives of each step's angle for the bench's parameters, by full name."""
     if not steps:
         return []
-    named, creeping, trimmed = pass_names(steps), drift_ramps(steps), _trim_references(bench, steps)
+    named, creeping, trimmed = (
+        passes.pass_names(steps),
+        passes.drift_ramps(steps),
+        _trim_references(bench, steps),
+    )
     # All visits to a position share its graduation and face errors, named after the first visit.
-    place = [steps[k].label for k in first_visit_rows(steps)]
+    place = [steps[k].label for k in passes.first_visit_rows(steps)]
     collimated = any(step.reading for step in steps)
     mean = sum(step.reading for step in steps) / len(steps)
     rows: list[dict[str, float]] = []
@@ -101,8 +96,8 @@ def _stated_angles(bench: "DividingHead", steps: Sequence[Index]) -> Array:
         return head
     if bench.collimated == "every":
         # The head's own reading is not used, so that its rounding has no effect.
-        grid = None if bench.polygon else evenly_spaced_angles(steps)
-        plain = rows_without_series(steps)
+        grid = None if bench.polygon else passes.evenly_spaced_angles(steps)
+        plain = passes.rows_without_series(steps)
         face, deviation = np.array(
             [_face_angle(bench, step, tilted=k not in plain) for k, step in enumerate(steps)]
         ).T
@@ -132,7 +127,7 @@ def _face_angle(bench: "DividingHead", step: Index, *, tilted: bool = False) -> 
     face = round(step.angle * n / (2 * pi))
     if tilted:
         return step.angle, bench.polygon[face % n]
-    if not matches_any_angle(step.angle, [2 * pi * face / n]):
+    if not passes.matches_any_angle(step.angle, [2 * pi * face / n]):
         raise InputError(
             f"position {step.label}: {degrees(step.angle):.6g}° is not on a face of a polygon "
             f"with {n} faces, {360 / n:.4g}° apart; give the certificate of the polygon that "
@@ -150,14 +145,14 @@ def _trim_references(bench: "DividingHead", steps: Sequence[Index]) -> list[int 
     """
     if bench.collimated != "pairs":
         return [None] * len(steps)
-    which, plain = pass_numbers(steps), rows_without_series(steps)
+    which, plain = passes.pass_numbers(steps), passes.rows_without_series(steps)
     found: list[int | None] = []
     for k, step in enumerate(steps):
-        second = k in plain and matches_any_angle(step.angle, CARDINAL_ANGLES[2:])
+        second = k in plain and passes.matches_any_angle(step.angle, passes.CARDINAL_ANGLES[2:])
         opposite = [
             j
             for j in (plain if second else ())
-            if which[j] <= which[k] and matches_any_angle(step.angle, [steps[j].angle + pi])
+            if which[j] <= which[k] and passes.matches_any_angle(step.angle, [steps[j].angle + pi])
         ]
         found.append(max(opposite, key=lambda j: (which[j], -j), default=None))
     return found

@@ -12,6 +12,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_quantity, si_factor
 from inercal.benches.characteristics import BAND_NOTE, characteristic_notes, rows_of_bands
+from inercal.benches.dividing_head import passes
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.characteristics import head_characteristics
 from inercal.benches.dividing_head.checks import (
@@ -19,33 +20,11 @@ from inercal.benches.dividing_head.checks import (
     require_phases,
     require_small_readings,
 )
-from inercal.benches.dividing_head.passes import (
-    ANGLE_TOLERANCE,
-    CARDINAL_ANGLES,
-    SAME_ANGLE,
-    first_visit_rows,
-    matches_any_angle,
-    missing_cardinal_angles,
-    pass_names,
-    rows_without_series,
-    small_tilt_series,
-    warm_up_rows,
-)
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.physics.plan import Index
 from inercal.physics.section_settings import key_error, positive_value
 from inercal.recordings import Finding, Mark, Recording
-from inercal.recordings.data import EstimatorInput, RunBase
-from inercal.recordings.data.recording_loader import (
-    load_recording,
-    number_repeated_names,
-    position_name,
-    readback_columns,
-    readback_units,
-    reader_columns,
-    require_distinct_columns,
-    stated_deviations,
-)
+from inercal.recordings.data import EstimatorInput, RunBase, recording_loader
 from inercal.recordings.data.rest_marks import check_rests, stated_marks
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.mean_tables import number_column, observations_from_table, read_columns
@@ -67,23 +46,23 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
             "a dividing head is at rest during a reading; remove the key",
             run.path,
         )
-    require_distinct_columns(run)
+    recording_loader.require_distinct_columns(run)
     result = _table(run, bench) if run.data.kind == "means" else _recording(run)
     steps = [step for step in result.steps if isinstance(step, Index)]
     require_small_readings(run, steps)
     stated = run.data.warm_up_band
     band = None if stated is None else positive_value(stated, "g", "[data] warm_up_band")
     found = head_characteristics(result.observations, run.sensor, bench, steps, band)
-    warm = len(warm_up_rows(steps))
+    warm = len(passes.warm_up_rows(steps))
     result = replace(result.rows(range(warm, len(steps))), characteristics=found)
     steps = steps[warm:]
     findings = result.findings + _missing_trim_positions(run, bench, steps)
     require_phases(run, result.observations, steps)
-    shown = small_tilt_series([step.angle for step in steps]) or warm
+    shown = passes.small_tilt_series([step.angle for step in steps]) or warm
     notes = characteristic_notes(found) if shown else ()
     findings += repeat_visit_warnings(result.observations, run.sensor, bench, steps)
     if rows_of_bands(found):
-        result, notes = result.rows(rows_without_series(steps)), (*notes, BAND_NOTE)
+        result, notes = result.rows(passes.rows_without_series(steps)), (*notes, BAND_NOTE)
     return replace(
         result, findings=findings, conditions=_conditions(run, bench, steps), notes=notes
     )
@@ -94,8 +73,8 @@ _TURNS = 60.0  # rad; no run turns as far as this
 
 
 def _table(run: RunBase[DividingHeadData], bench: DividingHead) -> EstimatorInput:
-    named, units = readback_columns(run), readback_units(run)
-    wanted = reader_columns(run)
+    named, units = recording_loader.readback_columns(run), recording_loader.readback_units(run)
+    wanted = recording_loader.reader_columns(run)
     path = run.file(run.data.file)
     times = [] if run.data.time is None else [str(run.data.time)]
     table = read_columns(path, wanted, [*named.values(), *times])
@@ -106,18 +85,22 @@ def _table(run: RunBase[DividingHeadData], bench: DividingHead) -> EstimatorInpu
         if name == "autocollimator":
             # A reading that is not used may be missing.
             bad &= _collimated_positions(bench, readback["angle"])
-            bad[: len(warm_up_rows([Index("", a) for a in readback["angle"].tolist()]))] = False
+            bad[: len(passes.warm_up_rows([Index("", a) for a in readback["angle"].tolist()]))] = (
+                False
+            )
         if bad.any():
             text = f"has no number; {_WANTED[name]}"
             raise table.cell_error(path, int(np.argmax(bad)), named[name], text)
     _require_unit(run, readback["angle"] / units["angle"])
     names = None
     if wanted.label is not None:
-        names = [position_name(value) for value in table.columns[wanted.label].tolist()]
+        names = [
+            recording_loader.position_name(value) for value in table.columns[wanted.label].tolist()
+        ]
     steps = _steps(names, {name: np.nan_to_num(values) for name, values in readback.items()})
     labels = tuple(step.label for step in steps)
     observations = observations_from_table(
-        path, table, labels, wanted, run.sensor, stated_deviations(run)
+        path, table, labels, wanted, run.sensor, recording_loader.stated_deviations(run)
     )
     for name in times:
         time = number_column(path, table, name, "write the time") * si_factor(
@@ -161,7 +144,7 @@ def _require_unit(run: RunBase[DividingHeadData], angle: Array) -> None:
 
 
 def _recording(run: RunBase[DividingHeadData]) -> EstimatorInput:
-    recording, units = load_recording(run), readback_units(run)
+    recording, units = recording_loader.load_recording(run), recording_loader.readback_units(run)
     readback = {name: values * units[name] for name, values in recording.readback.items()}
     found = run.data.marks == "found"
     marks = find_rests(recording, run.sensor).marks if found else stated_marks(run, recording)
@@ -192,8 +175,8 @@ def _mean_angle(recording: Recording, mark: Mark, angle: Array) -> float:
     away = (own - own[0] + pi) % (2 * pi) - pi
     part = max(away.size // 4, 1)
     if (
-        abs(np.median(away[:part]) - np.median(away[-part:])) > ANGLE_TOLERANCE
-        or np.ptp(away) > 20 * ANGLE_TOLERANCE
+        abs(np.median(away[:part]) - np.median(away[-part:])) > passes.ANGLE_TOLERANCE
+        or np.ptp(away) > 20 * passes.ANGLE_TOLERANCE
     ):
         raise InputError(
             f"{recording.source}: section {mark.label} ({recording.where(mark.start)}): the "
@@ -208,9 +191,9 @@ def _steps(names: Sequence[str] | None, readback: Mapping[str, Array]) -> tuple[
     angle = readback["angle"]
     sense = _approach_senses(angle)
     if names is None:
-        small = {k for rows in small_tilt_series(angle.tolist()) for k in rows}
+        small = {k for rows in passes.small_tilt_series(angle.tolist()) for k in rows}
         degrees = (angle * 180 / pi).tolist()
-        names = number_repeated_names(
+        names = recording_loader.number_repeated_names(
             [
                 f"{round(a, 6 if k in small else 3):.9g}° {'forward' if s > 0 else 'reverse'}"
                 for k, (a, s) in enumerate(zip(degrees, sense, strict=True))
@@ -224,9 +207,9 @@ def _steps(names: Sequence[str] | None, readback: Mapping[str, Array]) -> tuple[
 def _approach_senses(angle: Array) -> list[Literal[1, -1]]:
     """Return the sense of approach to each position; the first has the sense of the second."""
     moves = pi - (pi - np.diff(angle)) % (2 * pi)
-    still = np.full(moves.size, ANGLE_TOLERANCE)
-    for rows in small_tilt_series(angle.tolist()):
-        still[rows.start : rows.stop - 1] = SAME_ANGLE
+    still = np.full(moves.size, passes.ANGLE_TOLERANCE)
+    for rows in passes.small_tilt_series(angle.tolist()):
+        still[rows.start : rows.stop - 1] = passes.SAME_ANGLE
     found: list[Literal[1, -1]] = []
     sense: Literal[1, -1] = 1
     for move, limit in zip(moves[::-1].tolist(), still[::-1].tolist(), strict=True):
@@ -241,7 +224,7 @@ def _collimated_positions(bench: DividingHead, angle: Array) -> NDArray[np.bool_
     """Return whether the autocollimator is used at each angle."""
     if bench.collimated == "every":
         return np.ones(angle.size, dtype=np.bool_)
-    cardinal = [matches_any_angle(a, CARDINAL_ANGLES) for a in angle.tolist()]
+    cardinal = [passes.matches_any_angle(a, passes.CARDINAL_ANGLES) for a in angle.tolist()]
     return np.array(cardinal) & (bench.collimated == "pairs")
 
 
@@ -258,11 +241,11 @@ def _missing_trim_positions(
     if bench.collimated != "pairs":
         return ()
     found: list[Finding] = []
-    for name, missing in missing_cardinal_angles(steps).items():
+    for name, missing in passes.missing_cardinal_angles(steps).items():
         text = "autocollimation trims 180° to 0° and 270° to 90° in each pass, but "
         text += f"{name} has no " + ", ".join(f"{angle * 180 / pi:.0f}°" for angle in missing)
         angles = [step.angle for step in steps]
-        if not all(matches_any_angle(angle, angles) for angle in missing):
+        if not all(passes.matches_any_angle(angle, angles) for angle in missing):
             raise InputError(
                 f"{run.path}: [bench] {text}: add it to {run.data.file}, or state another "
                 "autocollimation",
@@ -277,12 +260,12 @@ def _missing_trim_positions(
 def _conditions(
     run: RunBase[DividingHeadData], bench: DividingHead, steps: Sequence[Index]
 ) -> dict[str, str]:
-    count = len(pass_names(steps))
+    count = len(passes.pass_names(steps))
     g = bench.gravity
     found = {
         "gravity": format_quantity(g.value, g.sd, "m/s²")
         + (" (treated as exact)" if g.sd == 0 else ""),
-        "positions": f"{len(set(first_visit_rows(steps)))}, {len(steps)} rows in "
+        "positions": f"{len(set(passes.first_visit_rows(steps)))}, {len(steps)} rows in "
         + format_count(count, "pass", "passes")
         + (": drift does not cancel" if count == 1 else ""),
         "head's error, rms (k = 1)": f"{bench.rms * 648_000 / pi:.3g} ″",

@@ -18,17 +18,9 @@ from math import degrees, pi
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_duration
+from inercal.benches.dividing_head import passes
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.checks import largest_reading_angles
-from inercal.benches.dividing_head.passes import (
-    CARDINAL_ANGLES,
-    matches_any_angle,
-    missing_cardinal_angles,
-    pass_numbers,
-    rows_without_series,
-    small_tilt_series,
-    warm_up_rows,
-)
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.benches.operator_sheet import ROW, EntryField, Heading, Sheet, SheetRow
 from inercal.physics.plan import Index
@@ -177,14 +169,14 @@ def operator_rows(
     paired = bench.collimated == "pairs"
     if paired:
         _require_pairs(steps)
-    plain = [steps[row] for row in rows_without_series(steps)]
-    which = dict(zip((step.label for step in steps), pass_numbers(steps), strict=True))
+    plain = [steps[row] for row in passes.rows_without_series(steps)]
+    which = dict(zip((step.label for step in steps), passes.pass_numbers(steps), strict=True))
 
     def act(step: Index) -> str:
         mark = _trim_reference(bench, step, plain) if step in plain else None
         if mark is None:
             return ""
-        trimmed = paired and matches_any_angle(step.angle, CARDINAL_ANGLES[2:])
+        trimmed = paired and passes.matches_any_angle(step.angle, passes.CARDINAL_ANGLES[2:])
         if mark is step or (recorded and not trimmed):
             return "read and write down"
         elsewhere = which[mark.label] != which[step.label]
@@ -216,14 +208,16 @@ def _trim_reference(bench: DividingHead, step: Index, steps: Sequence[Index]) ->
     """Return the position whose reading a step is trimmed to; None if it is not trimmed."""
     if bench.collimated == "every":
         return steps[0]
-    square = matches_any_angle(step.angle, CARDINAL_ANGLES)
+    square = passes.matches_any_angle(step.angle, passes.CARDINAL_ANGLES)
     if bench.collimated == "none" or not square:
         return None
-    return next(one for one in steps if matches_any_angle(one.angle, (step.angle, step.angle + pi)))
+    return next(
+        one for one in steps if passes.matches_any_angle(one.angle, (step.angle, step.angle + pi))
+    )
 
 
 def _require_pairs(steps: Sequence[Index]) -> None:
-    for name, angles in missing_cardinal_angles(steps).items():
+    for name, angles in passes.missing_cardinal_angles(steps).items():
         missing = ", ".join(map(format_sexagesimal, angles))
         raise InputError(
             f"{name} has no {missing}, but the autocollimator trims 180° to 0° and 270° to 90°; "
@@ -257,12 +251,12 @@ def operator_notes(
         f"Wait until the readings are steady, then average them{_averaging_time(steps)}.",
         "Do not touch the pier or walk near it during the readings.",
     ]
-    if warm_up_rows(steps):
+    if warm := passes.warm_up_rows(steps):
         found.append(
             "Switch the accelerometer on just before the first row, and do not turn the head until "
-            f"row {len(warm_up_rows(steps)) + 2}. Write down the time of each reading since then."
+            f"row {len(warm) + 2}. Write down the time of each reading since then."
         )
-    if small_tilt_series([step.angle for step in steps]):
+    if passes.small_tilt_series([step.angle for step in steps]):
         found.append(
             "Before the small tilts about 0°, turn the head until the reading is the mean of those "
             "at 0° and 180°. Add the small tilts to this angle, and write down the head's angles."

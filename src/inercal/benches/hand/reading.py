@@ -15,16 +15,8 @@ from inercal.benches.hand.magnetic_reading import require_earth_field, with_magn
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
-from inercal.recordings import Finding, Mark, Observations, Recording, Track
-from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
-from inercal.recordings.data.recording_loader import (
-    load_magnetometers,
-    load_recording,
-    number_repeated_names,
-    reader_columns,
-    require_not_refused,
-    stated_deviations,
-)
+from inercal.recordings import Finding, Mark, Observations, Recording, Track, segments
+from inercal.recordings.data import EstimatorInput, RestsSection, RunBase, recording_loader
 from inercal.recordings.data.rest_marks import (
     check_marked_rests,
     check_rests,
@@ -36,23 +28,7 @@ from inercal.recordings.io.audit import require_accepted
 from inercal.recordings.io.mean_tables import read_means
 from inercal.recordings.io.rest_norm import audit_rest_norm, rest_mean_finding
 from inercal.recordings.io.section_files import is_pattern
-from inercal.recordings.segments import (
-    RestDetection,
-    average_sections,
-    bias_jump_test,
-    changes_within_rests,
-    check_against_plan,
-    check_marks,
-    check_turn_ends,
-    faces_up,
-    find_rests,
-    find_sections,
-    holds_from_marks,
-    holds_from_observations,
-    search_sections,
-    transitions_between_rests,
-    valid_marks,
-)
+from inercal.recordings.segments import RestDetection
 from inercal.recordings.segments.magnetic_means import magnetic_samples
 from inercal.recordings.segments.motion_thresholds import WINDOW
 
@@ -80,7 +56,7 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
             f"method {run.method.name} follows the whole recording; remove marks",
             run.path,
         )
-    recording, sensor = load_recording(run), run.sensor
+    recording, sensor = recording_loader.load_recording(run), run.sensor
     if recording.temperature is None and run.whole_sensor.uses("dT"):
         raise key_error(
             "[data] temperature",
@@ -101,7 +77,7 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
     step = replace(first, label="motion") if others else first
     findings, magnetic = recording.findings, None
     if run.magnetometer is not None:
-        own = load_magnetometers(run)
+        own = recording_loader.load_magnetometers(run)
         magnetic = magnetic_samples(own, run.magnetometer)
         require_earth_field(run, magnetic)
         findings += tuple(one for one in own.findings if one not in findings)
@@ -140,15 +116,15 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
     if run.data.kind == "means":
         observations = _read_means(run)
     else:
-        recording = audit(load_recording(run), sensor, bench)
+        recording = audit(recording_loader.load_recording(run), sensor, bench)
         if run.method.unknown_attitudes:
-            rests = find_rests(recording, sensor) if run.data.marks == "found" else None
+            rests = segments.find_rests(recording, sensor) if run.data.marks == "found" else None
             marks, observations, findings = _free_rests(run, recording, rests)
         else:
             marks, observations, findings = _planned_sections(run, recording)
     rows = {label: k for k, label in enumerate(observations.labels)}
     if run.method.unknown_attitudes:
-        plan = steps = holds_from_observations(observations, sensor)
+        plan = steps = segments.holds_from_observations(observations, sensor)
     else:
         observations = _with_planned_names(run, observations)
         steps = _planned_steps(run, observations)
@@ -156,9 +132,9 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
     if recording is None and sensor.select_axes("f").axes:
         at_rest = [isinstance(step, Hold) for step in steps]
         odd = rest_mean_finding(observations.mean[at_rest], sensor, bench.gravity.value)
-        findings += require_not_refused(run.data.file, odd)
+        findings += recording_loader.require_not_refused(run.data.file, odd)
     if not run.method.unknown_attitudes:
-        findings += check_against_plan(observations, sensor, steps, bench.gravity.value)
+        findings += segments.check_against_plan(observations, sensor, steps, bench.gravity.value)
     if sensor.select_axes("f").axes:
         at_rest = [isinstance(step, Hold) for step in steps]
         means = observations.mean[at_rest]
@@ -221,7 +197,7 @@ def _steps_by_visit(run: RunBase[RestsSection], count: int) -> dict[str, HandSte
 def _visits(plan: tuple[HandStep, ...], count: int) -> dict[str, HandStep]:
     found: dict[str, HandStep] = {}
     for step in plan:
-        names = number_repeated_names([step.label] * count)
+        names = recording_loader.number_repeated_names([step.label] * count)
         found |= {name: replace(step, label=name) for name in names}
     return found
 
@@ -247,11 +223,11 @@ def _read_means(run: RunBase[RestsSection]) -> Observations:
         )
     return read_means(
         run.file(run.data.file),
-        reader_columns(run),
+        recording_loader.reader_columns(run),
         run.sensor,
-        stated_deviations(run),
+        recording_loader.stated_deviations(run),
         None if seconds is None else str(seconds),
-        number_repeated_names if _numbers_visits(run) else tuple,
+        recording_loader.number_repeated_names if _numbers_visits(run) else tuple,
     )
 
 
@@ -271,7 +247,7 @@ def _planned_sections(
         )
     if run.data.marks == "found":
         parts, every = _files(run, recording), run.magnetometer is not None
-        found = find_sections(recording, run.sensor, steps, parts, every=every)
+        found = segments.find_sections(recording, run.sensor, steps, parts, every=every)
         axes, odd = check_axes(run, recording, found.rests)
         marks, missing, note = found.marks, found.findings + odd, positions_note(axes)
         if not marks:
@@ -284,23 +260,25 @@ def _planned_sections(
     else:
         marks = stated_marks(run, recording, again=_numbers_visits(run))
         names = _planned_names(run, [mark.label for mark in marks])
-        names = number_repeated_names(names) if _numbers_visits(run) else names
+        names = recording_loader.number_repeated_names(names) if _numbers_visits(run) else names
         marks = tuple(replace(m, label=name) for m, name in zip(marks, names, strict=True))
     marked = {mark.label for mark in marks}
     again = [s for n, s in _steps_by_visit(run, len(marks)).items() if n in marked]
     steps = tuple(dict.fromkeys((*again, *steps)))
     labels = [step.label for step in steps]
-    check_marks(marks, recording, labels)
+    segments.check_marks(marks, recording, labels)
     holds = {step.label for step in steps if isinstance(step, Hold)}
     moving = check_marked_rests(run, recording, [mark for mark in marks if mark.label in holds])
-    observations = average_sections(recording, run.sensor, marks, steps, found=True, drifting=True)
+    observations = segments.average_sections(
+        recording, run.sensor, marks, steps, found=True, drifting=True
+    )
     if note:
         observations = replace(observations, notes=(*observations.notes, note))
     stated = run.data.model_fields_set & {"gyro", "gyro_file", "gyro_time"}
     if stated and not run.sensor.select_axes("w").axes:
         note = "the gyros are not used: [sensor.gyro], with their unit, is missing"
         observations = replace(observations, notes=(*observations.notes, note))
-    findings = check_turn_ends(recording, run.sensor, marks, steps)
+    findings = segments.check_turn_ends(recording, run.sensor, marks, steps)
     return marks, observations, recording.findings + missing + moving + findings
 
 
@@ -340,10 +318,10 @@ def _with_planned_names(run: RunBase[RestsSection], observations: Observations) 
     if run.data.kind == "means" and not set(names) & _steps_by_visit(run, len(names)).keys():
         force = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "f"]
         if len(force) == len("xyz") and len(holds) == len(nominal_plan(run)):
-            names = faces_up(observations.mean[:, force], holds) or names
+            names = segments.faces_up(observations.mean[:, force], holds) or names
     if names == list(observations.labels):
         return observations
-    return replace(observations, labels=tuple(number_repeated_names(names)))
+    return replace(observations, labels=tuple(recording_loader.number_repeated_names(names)))
 
 
 def _planned_steps(run: RunBase[RestsSection], observations: Observations) -> tuple[HandStep, ...]:
@@ -371,22 +349,22 @@ def _free_rests(
         marks, findings = rests.marks, (*findings, rests.finding)
     else:
         marks = stated_marks(run, recording, again=_numbers_visits(run))
-        check_marks(marks, recording, [mark.label for mark in marks])
-    marks, left_out = valid_marks(recording, run.sensor, marks)
+        segments.check_marks(marks, recording, [mark.label for mark in marks])
+    marks, left_out = segments.valid_marks(recording, run.sensor, marks)
     findings += check_rests(run, recording, marks) + check_axes(run, recording, marks)[1]
-    observations = average_sections(
-        recording, run.sensor, marks, holds_from_marks(marks), by_hand=True, found=True
+    observations = segments.average_sections(
+        recording, run.sensor, marks, segments.holds_from_marks(marks), by_hand=True, found=True
     )
     if run.sensor.select_axes("w").axes:
         cut = (
             ()
             if rests is None
-            else bias_jump_test(recording, run.sensor, rests.marks, rests.other_parts)
+            else segments.bias_jump_test(recording, run.sensor, rests.marks, rests.other_parts)
         )
         observations = replace(
             observations,
-            transitions=transitions_between_rests(recording, run.sensor, marks),
-            halves=changes_within_rests(recording, run.sensor, marks),
+            transitions=segments.transitions_between_rests(recording, run.sensor, marks),
+            halves=segments.changes_within_rests(recording, run.sensor, marks),
             tests=(*observations.tests, *cut),
         )
     return marks, observations, findings + left_out
@@ -409,7 +387,7 @@ def refused_recording_rests(run: RunBase[RestsSection], recording: Recording) ->
     """Return the rests in a refused recording."""
     if run.data.marks != "found" or run.method.unknown_attitudes:
         return rests_without_plan(run, recording)
-    found = search_sections(recording, run.sensor, nominal_plan(run))
+    found = segments.search_sections(recording, run.sensor, nominal_plan(run))
     named = {(mark.start, mark.stop): mark.label for mark in found.marks}
     marks = tuple(
         replace(rest, label=named.get((rest.start, rest.stop), rest.label)) for rest in found.rests

@@ -31,15 +31,7 @@ from inercal.benches.rate_platform.sections import (
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Mark, Recording
-from inercal.recordings.data import EstimatorInput, RunBase
-from inercal.recordings.data.recording_loader import (
-    load_recording,
-    number_repeated_names,
-    position_name,
-    reader_columns,
-    require_distinct_columns,
-    stated_deviations,
-)
+from inercal.recordings.data import EstimatorInput, RunBase, recording_loader
 from inercal.recordings.data.rest_marks import parse_face
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.mean_tables import observations_from_table, read_columns
@@ -92,13 +84,13 @@ def _refuse_unused_errors(
 
 
 def _table(run: RunBase[RatePlatformData]) -> EstimatorInput:
-    data, path, wanted = run.data, run.file(run.data.file), reader_columns(run)
+    data, path, wanted = run.data, run.file(run.data.file), recording_loader.reader_columns(run)
     columns = {
         name: str(column)
         for name in ("axis", "table_rate", "turn", "setting", "roll", "pitch", "seconds")
         if (column := getattr(data, name)) is not None
     }
-    require_distinct_columns(run, *columns.values())
+    recording_loader.require_distinct_columns(run, *columns.values())
     _require_partners(run, columns)
     if not {"axis", "roll"} & set(columns):
         raise key_error(
@@ -111,10 +103,10 @@ def _table(run: RunBase[RatePlatformData]) -> EstimatorInput:
     durations = table.numbers(columns["seconds"]) if "seconds" in columns else None
     seconds = np.zeros(table.rows) if durations is None else durations
     made = [_step(data, path, table, columns, k, one) for k, one in enumerate(seconds.tolist())]
-    labels = tuple(number_repeated_names([step.label for step in made]))
+    labels = tuple(recording_loader.number_repeated_names([step.label for step in made]))
     steps = tuple(replace(step, label=label) for step, label in zip(made, labels, strict=True))
     observations = observations_from_table(
-        path, table, labels, wanted, run.sensor, stated_deviations(run), durations
+        path, table, labels, wanted, run.sensor, recording_loader.stated_deviations(run), durations
     )
     return EstimatorInput(None, (), observations, steps, steps, ())
 
@@ -146,7 +138,7 @@ def _step(
     def cell(name: str) -> str:
         if name not in columns:
             return ""
-        text = position_name(table.columns[columns[name]].tolist()[row])
+        text = recording_loader.position_name(table.columns[columns[name]].tolist()[row])
         return "" if text == "nan" else text
 
     def refuse(name: str, text: str) -> InputError:
@@ -193,7 +185,7 @@ def _step(
 def _recording(run: RunBase[RatePlatformData]) -> EstimatorInput:
     if run.data.seconds is not None:
         raise key_error("[data] seconds", "is only for a table of means; remove the key", run.path)
-    recording = load_recording(run)
+    recording = recording_loader.load_recording(run)
     marks, steps = _marked_sections(run, recording)
     longest = max((step.seconds for step in steps), default=1.0)
     if longest < _SHORTEST:
@@ -242,7 +234,7 @@ def _stated_sections(run: RunBase[RatePlatformData]) -> list[PlatformStep]:
     """Return the sections that [data] sections or the plan states."""
     if run.data.sections is None:
         return [step for step in run.steps if isinstance(step, RateDwell | Pose)]
-    labels = number_repeated_names(run.data.sections)
+    labels = recording_loader.number_repeated_names(run.data.sections)
     return [step_of_label(label, 1.0) for label in labels]  # durations follow from the recording
 
 

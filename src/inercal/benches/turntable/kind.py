@@ -18,18 +18,12 @@ from inercal.benches.kind_definition import Kind, Vocabulary
 from inercal.benches.motion_control import Angles, MotionControl, SensedMotion, TurnTask
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.benches.stated_axes import any_axes
+from inercal.benches.turntable import simulation
 from inercal.benches.turntable.attitude import reference_attitude, true_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_plan
 from inercal.benches.turntable.rest_timing import settling_time
 from inercal.benches.turntable.settings import TurntableData, TurntableSection, build
-from inercal.benches.turntable.simulation import (
-    add_hold_numbers,
-    path_profile,
-    readback_files,
-    simulate_turntable_motion,
-    turntable_path_duration,
-)
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.plan import Position, Rotation, Step, TableStep, table_steps
 from inercal.physics.sensors import Noise, Sensor
@@ -44,7 +38,7 @@ def plan_tasks(bench: Turntable, steps: Sequence[TableStep]) -> tuple[TurnTask, 
     InputError
         `inercal.benches.turntable.simulation.path_profile` refuses the steps.
     """
-    way = path_profile(bench, steps)
+    way = simulation.path_profile(bench, steps)
     angles: list[list[float]] = way.evaluate(way.ends)[0].tolist()
     ends: list[float] = way.ends.tolist()
     result: list[TurnTask] = []
@@ -114,8 +108,8 @@ def _simulate(
     sensor: Sensor,
     carried: bool,
 ) -> SensorSimulation:
-    done = add_hold_numbers(
-        bench, steps, simulate_turntable_motion(bench, steps, rate_hz, rng, trials)
+    done = simulation.add_hold_numbers(
+        bench, steps, simulation.simulate_turntable_motion(bench, steps, rate_hz, rng, trials)
     )
     return SensorSimulation(done, *_split_flicker(sensor, done.motion.f.shape[:-1], rate_hz, rng))
 
@@ -180,13 +174,13 @@ KIND = Kind(
     (Position, Rotation),
     _observe,
     _simulate,
-    turntable_path_duration,
+    simulation.turntable_path_duration,
     Vocabulary(components=""),
     refuses_budget=_refuses_budget,
     sampled=True,
     sensor=any_axes,
     plan=path_plan,
-    files=readback_files,
+    files=simulation.readback_files,
     directions=directions,
     motion_control=MOTION_CONTROL,
 )

@@ -36,16 +36,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
 from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
-from inercal.export.targets.shared import (
-    MATRIX,
-    MATRIX_AND_G,
-    by_triad,
-    number,
-    output_text,
-    with_comments,
-    written,
-    yaml_row,
-)
+from inercal.export.targets import shared
 
 _TK_COUNT = 21  # numbers: T and K row by row, then B
 _TK_OPTIONS = (
@@ -61,12 +52,14 @@ def _render_imu_tk(request: Request) -> Rendering:
     triad = model.require(kind, "imu_tk")
     correction = triad.correction / triad.scale
     scale = np.diag(np.diag(correction))
-    parts = [written(m, 12) for m in (correction @ np.linalg.inv(scale), scale)]
-    bias = written(triad.offset + triad.scale * triad.bias, 12)
+    parts = [shared.written(m, 12) for m in (correction @ np.linalg.inv(scale), scale)]
+    bias = shared.written(triad.offset + triad.scale * triad.bias, 12)
 
     def write(header: Sequence[str]) -> str:
-        blocks = ["\n".join(" ".join(number(x, 12) for x in row) for row in m) for m in parts]
-        blocks.append("\n".join(number(x, 12) for x in bias))
+        blocks = [
+            "\n".join(" ".join(shared.number(x, 12) for x in row) for row in m) for m in parts
+        ]
+        blocks.append("\n".join(shared.number(x, 12) for x in bias))
         return "\n\n".join([*blocks, "\n".join(header)]) + "\n"
 
     def correct(y: Array, dT: Array) -> Array:
@@ -75,13 +68,13 @@ def _render_imu_tk(request: Request) -> Rendering:
     other = "w" if kind == "f" else "f"
     remark = ("the other triad needs a second file: --set part=accelerometer or part=gyro",)
     return Rendering(
-        by_triad(model, {kind: correct}),
+        shared.by_triad(model, {kind: correct}),
         write,
         ("x = T K (raw - B): T, then K, then B above",),
-        output_text(triad),
+        shared.output_text(triad),
         remark * any(k == other for k, _ in model.triads),
         takes_output=True,
-        holds={kind: MATRIX},
+        holds={kind: shared.MATRIX},
     )
 
 
@@ -113,22 +106,22 @@ def _read_imu_tk(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     )
 
 
-IMU_TK = Target("imu_tk", "imu_tk .calib of one triad", ".calib", {"f": MATRIX, "w": MATRIX},
-                _render_imu_tk, _TK_OPTIONS)  # fmt: skip
+IMU_TK = Target("imu_tk", "imu_tk .calib of one triad", ".calib",
+                {"f": shared.MATRIX, "w": shared.MATRIX}, _render_imu_tk, _TK_OPTIONS)  # fmt: skip
 IMU_TK_READER = CalibrationReader("imu_tk", "imu_tk .calib", _read_imu_tk, _TK_OPTIONS)
 
 
 def _render_imu_calib(request: Request) -> Rendering:
     model = request.model
     triad = model.require("f", "imu_calib")
-    matrix = written(triad.correction, 12)
-    bias = written(triad.correction @ triad.bias, 12)
+    matrix = shared.written(triad.correction, 12)
+    bias = shared.written(triad.correction @ triad.bias, 12)
 
-    rows = ",\n     ".join(yaml_row(row, 12) for row in matrix)
+    rows = ",\n     ".join(shared.yaml_row(row, 12) for row in matrix)
     gyros = ("gyros are not corrected: imu_calib uses a mean at rest",) * (model.gyro is not None)
     return Rendering(
-        by_triad(model, {"f": lambda y, dT: y @ matrix.T - bias}),
-        with_comments(f"SM: [{rows}]\nbias: [{yaml_row(bias, 12)}]\n"),
+        shared.by_triad(model, {"f": lambda y, dT: y @ matrix.T - bias}),
+        shared.with_comments(f"SM: [{rows}]\nbias: [{shared.yaml_row(bias, 12)}]\n"),
         ("f = SM y - bias (the bias is subtracted after the matrix)",),
         "readings of sensor_msgs/Imu in m/s^2",
         gyros,
@@ -139,7 +132,7 @@ IMU_CALIB = Target(
     "imu_calib",
     "ROS imu_calib, YAML of the accelerometers",
     ".yaml",
-    {"f": MATRIX},
+    {"f": shared.MATRIX},
     _render_imu_calib,
 )
 
@@ -187,7 +180,7 @@ def _render_imucal(request: Request) -> Rendering:
         correct,
         write,
         ("f = R_a^-1 K_a^-1 (raw - b_a); w = R_g^-1 K_g^-1 (raw - K_ga f - b_g)",),
-        output_text(acc, gyro),
+        shared.output_text(acc, gyro),
         ("the units passed to imucal must be spelt as from_acc_unit and from_gyr_unit here",),
         takes_output=True,
     )
@@ -226,6 +219,6 @@ def _read_imucal(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     )
 
 
-IMUCAL = Target("imucal", "imucal JSON", ".json", {"f": MATRIX, "w": MATRIX_AND_G},
+IMUCAL = Target("imucal", "imucal JSON", ".json", {"f": shared.MATRIX, "w": shared.MATRIX_AND_G},
                 _render_imucal, _IMUCAL_OPTIONS)  # fmt: skip
 IMUCAL_READER = CalibrationReader("imucal", "imucal JSON", _read_imucal)

@@ -41,14 +41,8 @@ from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
-from inercal.methods.multi_position import stages
-from inercal.methods.multi_position.attitude_coverage import (
-    GeometryErrors,
-    attitudes_in_words,
-    hand_held_plan,
-    next_attitudes,
-    require_coverage,
-)
+from inercal.methods.multi_position import attitude_coverage, stages
+from inercal.methods.multi_position.attitude_coverage import GeometryErrors
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model
 from inercal.methods.observability import require_observed
@@ -137,7 +131,7 @@ def _checked_rests(
             key="transitions",
         )
     rests = Rests(observations, sensor, bench)
-    require_coverage(rests, priors)
+    attitude_coverage.require_coverage(rests, priors)
     return rests
 
 
@@ -240,7 +234,7 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     errors = GeometryErrors(*(sizes.get(name, 1.0) for name in ("norms", "rates", "rotations")))
     ups = rests.norms(np.concatenate([estimate.value[:p], rests.start()[p:]])).up
     before = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
-    more, after = next_attitudes(
+    more, after = attitude_coverage.next_attitudes(
         sensor, before, ups[-1], rests.bench.gravity.value, errors, max_attitudes=_ADVISED_ATTITUDES
     )
     stays = (shared**2).sum(axis=0)
@@ -257,7 +251,7 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     return (
         f"The uncertainty of the {coefficient_words(sensor, name)} is large. These attitudes would "
         f"reduce its U from {sizes_told[0]} to {sizes_told[1]} {line.unit}: "
-        f"{attitudes_in_words(more)}.",
+        f"{attitude_coverage.attitudes_in_words(more)}.",
     )
 
 
@@ -346,7 +340,7 @@ METHOD = Method(
         "m": ("temperature",),
     },
     needs=("f",),
-    plan=hand_held_plan,
+    plan=attitude_coverage.hand_held_plan,
     estimators={
         "joint": joint,
         "sequential": sequential,

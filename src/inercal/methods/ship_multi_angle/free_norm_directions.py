@@ -37,14 +37,8 @@ from inercal.methods.ship_multi_angle.norm_equations import (
 )
 from inercal.methods.ship_planar import fit_level_states, require_excitation
 from inercal.physics.plan import Spins
-from inercal.physics.sensors import G0, Sensor
-from inercal.physics.sensors.affine import (
-    AFFINE_NAMES,
-    IDENTITY_PARAMETERS,
-    AffineModel,
-    to_affine,
-    to_coefficients,
-)
+from inercal.physics.sensors import G0, Sensor, affine
+from inercal.physics.sensors.affine import AffineModel
 from inercal.recordings import Observations
 
 
@@ -94,7 +88,7 @@ def free_directions(sensor: Sensor, model: AffineModel, a: Array, spread: Array)
     spread : (3 r, 3 r) array
         Covariance of M a + p − f in the groups, g².
     """
-    _, slope = to_coefficients(sensor, model)
+    _, slope = affine.to_coefficients(sensor, model)
     here = group_information(model, a)
     turned = rotation_directions(model)
     turns = tuple(
@@ -146,7 +140,7 @@ def _direction_in_theta(move: Array) -> str:
     words = ""
     for k in large.tolist():
         size = "" if f"{abs(move[k]):.1f}" == "1.0" else f"{abs(move[k]):.2g} "
-        words += (" − " if move[k] < 0 else " + " if words else "") + size + AFFINE_NAMES[k]
+        words += (" − " if move[k] < 0 else " + " if words else "") + size + affine.AFFINE_NAMES[k]
     return words
 
 
@@ -184,7 +178,7 @@ def starting_point(
                 key="priors",
             )
         if not _nominal_free_directions(sensor, bench, steps, groups).unobserved:
-            return StartingPoint(AffineModel.of(IDENTITY_PARAMETERS), "")
+            return StartingPoint(AffineModel.of(affine.IDENTITY_PARAMETERS), "")
     if not rest:
         return _start_from_priors(sensor, priors, bench, groups, steps)
     if priors:
@@ -252,7 +246,7 @@ def _start_from_priors(
     root = np.concatenate([b for b, _ in rows])
     covariance = np.asarray(np.linalg.inv(root.T @ root), dtype=float)
     mean = np.concatenate([target for _, target in rows], axis=-1) @ root @ covariance
-    model, slope = to_affine(sensor, mean)
+    model, slope = affine.to_affine(sensor, mean)
     stated = slope @ covariance @ np.swapaxes(slope, -1, -2)
     return StartingPoint(model, "the stated priors", prior_covariance=stated)
 
@@ -263,5 +257,5 @@ def _nominal_free_directions(
     """Return the free directions for an ideal sensor without noise."""
     f = sensed_motion(bench, [steps[k] for k in groups], {}).f / G0
     return free_directions(
-        sensor, AffineModel.of(IDENTITY_PARAMETERS), f, np.zeros((f.size, f.size))
+        sensor, AffineModel.of(affine.IDENTITY_PARAMETERS), f, np.zeros((f.size, f.size))
     )

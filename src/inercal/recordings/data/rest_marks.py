@@ -15,17 +15,10 @@ import numpy as np
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_small_file
 from inercal.basics.units import format_count
-from inercal.recordings import Finding, Mark, Recording
+from inercal.recordings import Finding, Mark, Recording, segments
 from inercal.recordings.data import DataSection, RestsSection, RunBase
 from inercal.recordings.io.read import read_table
-from inercal.recordings.segments import (
-    RestDetection,
-    check_marks,
-    find_rests,
-    find_thresholds,
-    marks_from_labels,
-    require_still,
-)
+from inercal.recordings.segments import RestDetection
 from inercal.recordings.segments.motion_thresholds import WINDOW
 
 _SIGNS = {"+": 1, "-": -1, "up": 1, "down": -1, "p": 1, "a": -1, "n": -1, "m": -1}
@@ -80,7 +73,7 @@ def check_marked_rests(
     InputError
         A marked rest moves; see `inercal.recordings.segments.rest_changes.require_still`.
     """
-    return require_still(recording, run.sensor, marks, run.data.moving_sections)
+    return segments.require_still(recording, run.sensor, marks, run.data.moving_sections)
 
 
 def check_rests(
@@ -119,7 +112,7 @@ def stated_marks(
         Whether the same label may mark several sections.
     """
     if run.data.marks == "labels":
-        return marks_from_labels(recording, again=again)
+        return segments.marks_from_labels(recording, again=again)
     return marks_after_audit(marks_from_file(run.file(run.data.marks)), recording)
 
 
@@ -127,15 +120,15 @@ def rests_without_plan(run: RunBase[DataSection], recording: Recording) -> RestD
     """Return the rests that were detected without a plan, or the marked sections."""
     if run.data.marks == "found":
         try:
-            return find_rests(recording, run.sensor)
+            return segments.find_rests(recording, run.sensor)
         except InputError as error:
             marks, text = (), str(error)
     else:
         marks = stated_marks(run, recording)
         if run.data.marks != "labels":
-            check_marks(marks, recording, [mark.label for mark in marks])
+            segments.check_marks(marks, recording, [mark.label for mark in marks])
         text = format_count(len(marks), "section is marked", "sections are marked")
-    levels = find_thresholds(recording, run.sensor)
+    levels = segments.find_thresholds(recording, run.sensor)
     return RestDetection(marks, levels, WINDOW, Finding("note", "rests", text))
 
 

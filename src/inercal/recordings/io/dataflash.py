@@ -23,28 +23,16 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.recordings.io import message_columns
 from inercal.recordings.io.column_table import ReadRequest, Table, shorten
 from inercal.recordings.io.isolation import Isolation
-from inercal.recordings.io.message_columns import (
-    COPY_AGAIN,
-    CORRECTIONS_OPTION,
-    Correction,
-    Messages,
-    channel_columns,
-    damaged_log,
-    keeps_corrections,
-    require_messages,
-    rotation_matrix,
-    stated_parameters,
-    table_from_messages,
-    wanted_topics,
-)
+from inercal.recordings.io.message_columns import Correction, Messages
 from inercal.recordings.io.readers import Reader
 
 HEAD = b"\xa3\x95"
 _FMT, _FMT_BYTES = 128, 89
 _BLOCK = 1 << 20  # bytes
-_damaged = partial(damaged_log, "a DataFlash log")
+_damaged = partial(message_columns.damaged_log, "a DataFlash log")
 # Type and factor by letter; text and the arrays with letter "a" are not numbers.
 _LETTERS: dict[str, tuple[str, float]] = {
     "a": ("V64", 0),
@@ -207,7 +195,7 @@ def read_dataflash(path: Path, wanted: ReadRequest, corrections: str = "undo") -
     OSError
         The file cannot be read.
     """
-    keep = keeps_corrections(corrections, path.name)
+    keep = message_columns.keeps_corrections(corrections, path.name)
     asked = None if wanted.names is None else {_type_name(name) for name in wanted.names}
 
     def of_interest(name: str) -> bool:
@@ -219,8 +207,8 @@ def read_dataflash(path: Path, wanted: ReadRequest, corrections: str = "undo") -
     topics = {one.topic: one for made in types.values() for one in _by_instance(path.name, made)}
     known = dict.fromkeys([*topics, *(name for name in types if not types[name].raw)])
     first = [topic for topic in topics if _FIRST.fullmatch(topic)]
-    used = wanted_topics(wanted, list(known), first or list(topics), path.name)
-    require_messages(used, topics, path.name)
+    used = message_columns.wanted_topics(wanted, list(known), first or list(topics), path.name)
+    message_columns.require_messages(used, topics, path.name)
     changes = _parameters(types.get("PARM"))
     stated: list[str] = []
     devices: dict[str, int] = {}
@@ -230,7 +218,7 @@ def read_dataflash(path: Path, wanted: ReadRequest, corrections: str = "undo") -
         stated += words
         devices |= _devices(topics[topic], changes, wanted)
         messages.append(Messages(topic, topics[topic].time, dict(topics[topic].fields) | changed))
-    return table_from_messages(path, messages, wanted, stated, devices)
+    return message_columns.table_from_messages(path, messages, wanted, stated, devices)
 
 
 def _type_name(column: str) -> str:
@@ -280,7 +268,7 @@ def _sensors(messages: Messages, wanted: ReadRequest) -> Iterator[tuple[str, int
     _, number, bracket = match.groups()
     # IMU and ACC1 are instance 0, IMU2 and ACC2 instance 1.
     instance = int(bracket) if bracket else int(number or 1) - 1
-    channels = channel_columns(wanted, messages)
+    channels = message_columns.channel_columns(wanted, messages)
     for sensor, fields in (("ACC", ("AccX", "AccY", "AccZ")), ("GYR", ("GyrX", "GyrY", "GyrZ"))):
         if channels & {f"{messages.topic}.{field}" for field in fields}:
             yield sensor, instance, fields
@@ -338,7 +326,7 @@ def _correction(
             key="[data] corrections",
             names=(f"{before}SCAL",),
         )
-    rotation = rotation_matrix(value(_BOARD, 0.0), _BOARD, source)
+    rotation = message_columns.rotation_matrix(value(_BOARD, 0.0), _BOARD, source)
     return Correction(offset, scale, rotation)
 
 
@@ -353,7 +341,9 @@ def _stated(changes: Changes, sensor: str, instance: int) -> str:
     """Return the parameters with which the readings were corrected, in words."""
     prefix = _prefix(sensor, instance)
     own = (f"{prefix}OFFS", f"{prefix}SCAL", f"INS_TCAL{instance + 1}_", _BOARD)
-    return stated_parameters({n: v[-1][1] for n, v in changes.items() if n.startswith(own)})
+    return message_columns.stated_parameters(
+        {n: v[-1][1] for n, v in changes.items() if n.startswith(own)}
+    )
 
 
 def _in_force(source: str, changes: Changes, name: str, start: int) -> float:
@@ -387,6 +377,6 @@ READER = Reader(
     "dataflash",
     read_dataflash,
     content=((0, HEAD),),
-    options=(CORRECTIONS_OPTION,),
-    isolation=Isolation("a DataFlash log", COPY_AGAIN),
+    options=(message_columns.CORRECTIONS_OPTION,),
+    isolation=Isolation("a DataFlash log", message_columns.COPY_AGAIN),
 )

@@ -9,22 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.errors import InputError
-from inercal.recordings.io.column_table import (
-    LONGEST_LABEL,
-    Array,
-    Column,
-    ReadRequest,
-    Table,
-    file_sha256,
-    label_array,
-    refuse_unequal_lengths,
-    select_columns,
-)
+from inercal.recordings.io import column_table
+from inercal.recordings.io.column_table import Array, Column, ReadRequest, Table
 from inercal.recordings.io.isolation import Isolation
 from inercal.recordings.io.readers import Reader
 
 _NPY = b"\x93NUMPY"
-_LABEL_BYTES = 4 * LONGEST_LABEL  # of a NumPy text
+_LABEL_BYTES = 4 * column_table.LONGEST_LABEL  # of a NumPy text
 
 
 def _is_bounded(path: Path) -> bool:
@@ -66,7 +57,9 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
         zipfile.ZipFile(path).close()  # NumPy would accept other files as arrays
     with np.load(path, allow_pickle=False) as archive:
         names, columns, block = _columns(archive, wanted, path.name)
-    return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
+    return Table(
+        names, columns, path.name, column_table.file_sha256(path), 0, header=True, block=block
+    )
 
 
 def _single_array(path: Path, wanted: ReadRequest) -> Table:
@@ -80,7 +73,7 @@ def _single_array(path: Path, wanted: ReadRequest) -> Table:
     parts = {one: array[one] for one in fields} if fields else dict(enumerate(array.T, 1))
     arrays = {str(name): part for name, part in parts.items()}
     names, columns, block = _columns(arrays, wanted, path.name)
-    sha256 = file_sha256(path)
+    sha256 = column_table.file_sha256(path)
     return Table(names, columns, path.name, sha256, 0, header=fields is not None, block=block)
 
 
@@ -100,13 +93,15 @@ def _columns(
             blank, block = wanted.empty_columns(n, wanted.block_columns)
         if column.dtype.kind == "U":
             short = column.itemsize <= _LABEL_BYTES
-            columns[name] = column if short else label_array(column.tolist(), name, source)
+            columns[name] = (
+                column if short else column_table.label_array(column.tolist(), name, source)
+            )
         elif name not in blank:
             columns[name] = wanted.number_column(name, column)
         elif n == len(block):
             blank[name][:] = column
             columns[name] = blank[name]
-    refuse_unequal_lengths(lengths, source)
+    column_table.refuse_unequal_lengths(lengths, source)
     if not any(lengths.values()):
         raise InputError(f"{source} has no rows: record or export it again")
     return names, columns, block
@@ -118,7 +113,7 @@ def _arrays(
     """Return the names of all columns, and the wanted columns with arrays that are read in turn."""
     if not {"data", "columns"} <= set(archive):
         names = tuple(archive)
-        chosen = select_columns(names, wanted.names, source)
+        chosen = column_table.select_columns(names, wanted.names, source)
         return names, ((name, _array(archive, name, source)) for name in chosen)
     data, titles = _array(archive, "data", source), _array(archive, "columns", source)
     if data.ndim != 2 or titles.shape != data.shape[1:]:
@@ -128,7 +123,7 @@ def _arrays(
             names=("data", "columns"),
         )
     names = tuple(str(title) for title in titles)
-    chosen = select_columns(names, wanted.names, source)
+    chosen = column_table.select_columns(names, wanted.names, source)
     return names, ((name, data[:, names.index(name)]) for name in chosen)
 
 

@@ -20,23 +20,10 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.recordings.io import message_columns
 from inercal.recordings.io.column_table import ReadRequest, Table, shorten
 from inercal.recordings.io.isolation import Isolation
-from inercal.recordings.io.message_columns import (
-    COPY_AGAIN,
-    CORRECTIONS_OPTION,
-    Correction,
-    Messages,
-    channel_columns,
-    damaged_log,
-    euler_matrix,
-    keeps_corrections,
-    require_messages,
-    rotation_matrix,
-    stated_parameters,
-    table_from_messages,
-    wanted_topics,
-)
+from inercal.recordings.io.message_columns import Correction, Messages
 from inercal.recordings.io.readers import Reader
 
 # First pass over a ULog file: it finds the topics and checks that the messages are complete.
@@ -47,7 +34,7 @@ from inercal.recordings.io.readers import Reader
 # Source: the ULog file format, https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 HEADER = b"ULog\x01\x12\x35"
 _HEADER_BYTES = 16
-_damaged = partial(damaged_log, "a ULog file")
+_damaged = partial(message_columns.damaged_log, "a ULog file")
 _KNOWN = frozenset(b"BFIMPQARDLCSO")
 
 
@@ -146,14 +133,14 @@ def read_ulog(path: Path, wanted: ReadRequest, corrections: str = "undo") -> Tab
         The file cannot be read.
     """
     core: Any = import_module("pyulog.core")
-    keep = keeps_corrections(corrections, path.name)
+    keep = message_columns.keeps_corrections(corrections, path.name)
     topics = scan_topics(path)
     defaults = _DEFAULT_TOPICS if set(topics) & set(_DEFAULT_TOPICS) else _JOINED_TOPICS
-    used = wanted_topics(wanted, topics, defaults, path.name)
+    used = message_columns.wanted_topics(wanted, topics, defaults, path.name)
     names = {topic.partition("[")[0] for topic in used}
     log = _load(core, path, [*names, *([_SELECTION] if names & set(_CORRECTED) else [])])
     data = {topic_name(one.name, one.multi_id): one.data for one in log.data_list}
-    require_messages(used, data, path.name)
+    message_columns.require_messages(used, data, path.name)
     stated: list[str] = []
     devices: dict[str, int] = {}
     messages: list[Messages] = []
@@ -165,7 +152,7 @@ def read_ulog(path: Path, wanted: ReadRequest, corrections: str = "undo") -> Tab
         stated += words
         devices |= _devices(path.name, logged, data, wanted)
         messages.append(replace(logged, fields=fields | changed))
-    return table_from_messages(path, messages, wanted, stated, devices)
+    return message_columns.table_from_messages(path, messages, wanted, stated, devices)
 
 
 def _load(core: Any, path: Path, names: list[str]) -> Any:
@@ -188,7 +175,10 @@ def _uncorrected(
 ) -> tuple[dict[str, Array], list[str]]:
     """Return a topic's fields before their corrections, and which corrections are kept."""
     topic, name = logged.topic, logged.topic.partition("[")[0]
-    channels = {column.removeprefix(f"{topic}.") for column in channel_columns(wanted, logged)}
+    channels = {
+        column.removeprefix(f"{topic}.")
+        for column in message_columns.channel_columns(wanted, logged)
+    }
     if channels and name in _FILTERED:
         if keep:
             return {}, [f"{topic}: corrected and filtered by PX4"]
@@ -229,7 +219,7 @@ def _devices(
     InputError
         A topic contains readings of two sensors.
     """
-    if not channel_columns(wanted, logged):
+    if not message_columns.channel_columns(wanted, logged):
         return {}
     if logged.topic in _CORRECTED:
         fields = {field for _, _, field in _CORRECTED[logged.topic]}
@@ -286,7 +276,7 @@ def _correction(source: str, log: Any, sensor: str, device: int) -> Correction:
     turn = parameters.get(f"CAL_{sensor}{numbers[0]}_ROT", -1) if numbers else -1
     if turn >= 0:
         used[f"CAL_{sensor}{numbers[0]}_ROT"] = turn
-        rotation = rotation_matrix(turn, f"CAL_{sensor}{numbers[0]}_ROT", source)
+        rotation = message_columns.rotation_matrix(turn, f"CAL_{sensor}{numbers[0]}_ROT", source)
     else:
         rotation = _board_rotation(source, parameters, used)
     _refuse_changes(source, log, used)
@@ -297,7 +287,7 @@ def _stated(log: Any, sensor: str) -> str:
     """Return the parameters with which the readings were corrected, in words."""
     own = (f"CAL_{sensor}", "SENS_BOARD_", f"TC_{sensor[0]}")
     stated = {name: value for name, value in log.initial_parameters.items() if name.startswith(own)}
-    return stated_parameters(stated)
+    return message_columns.stated_parameters(stated)
 
 
 def _board_rotation(source: str, parameters: Mapping[str, float], used: dict[str, float]) -> Array:
@@ -305,7 +295,9 @@ def _board_rotation(source: str, parameters: Mapping[str, float], used: dict[str
     names = ("SENS_BOARD_ROT", *(f"SENS_BOARD_{axis}_OFF" for axis in "XYZ"))
     number, *angles = (parameters.get(name, 0.0) for name in names)
     used.update({name: parameters[name] for name in names if name in parameters})
-    return euler_matrix(*angles) @ rotation_matrix(number, names[0], source)
+    return message_columns.euler_matrix(*angles) @ message_columns.rotation_matrix(
+        number, names[0], source
+    )
 
 
 def _refuse_changes(source: str, log: Any, used: Mapping[str, float]) -> None:
@@ -325,6 +317,6 @@ READER = Reader(
     read_ulog,
     content=((0, HEADER),),
     suffixes=(".ulg",),
-    options=(CORRECTIONS_OPTION,),
-    isolation=Isolation("a ULog file", COPY_AGAIN, ("pyulog.core",), "px4"),
+    options=(message_columns.CORRECTIONS_OPTION,),
+    isolation=Isolation("a ULog file", message_columns.COPY_AGAIN, ("pyulog.core",), "px4"),
 )

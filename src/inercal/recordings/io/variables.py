@@ -17,20 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.errors import InputError
-from inercal.recordings.io.column_table import (
-    BLOCK_ROWS,
-    MOST_COLUMNS,
-    Array,
-    Column,
-    ReadRequest,
-    Table,
-    file_sha256,
-    label_array,
-    refuse_unequal_lengths,
-    row_blocks,
-    select_columns,
-    whole_number_labels,
-)
+from inercal.recordings.io import column_table
+from inercal.recordings.io.column_table import Array, Column, ReadRequest, Table
 
 # Reasons why a variable cannot be a column.
 OBJECT = "is a MATLAB object (table, string, datetime, …): save its columns as plain arrays"
@@ -82,7 +70,7 @@ class Variable:
             return "is empty"
         if not 1 <= len(self.shape) <= 2:
             return "is a single number" if not self.shape else f"has {len(self.shape)} axes, not 2"
-        if min(self.length, self.width) > MOST_COLUMNS:
+        if min(self.length, self.width) > column_table.MOST_COLUMNS:
             return f"{self.shape} is not a table"
         return ""
 
@@ -133,12 +121,12 @@ def table_from_variables(path: Path, variables: Sequence[Variable], wanted: Read
     length = _length(columns)
     requested = set(wanted.names or ())
     names = [name for name, v, _ in columns if v.length == length or name in requested]
-    chosen = select_columns(names, wanted.names, source)
+    chosen = column_table.select_columns(names, wanted.names, source)
     found = {name: (v, k) for name, v, k in columns if name in chosen}
-    refuse_unequal_lengths({name: found[name][0].length for name in chosen}, source)
+    column_table.refuse_unequal_lengths({name: found[name][0].length for name in chosen}, source)
     read, block = _read([found[name][0] for name in chosen], chosen, wanted, source)
     others = {name: v.length for name, v, _ in columns if name not in names and not v.text}
-    digest = file_sha256(path)
+    digest = column_table.file_sha256(path)
     return Table(
         tuple(names), read, source, digest, 0, header=True, block=block, other_lengths=others
     )
@@ -167,7 +155,7 @@ def column_blocks(variables: Sequence[Variable], names: Sequence[str]) -> Iterat
     used = {v.name: v for v, _ in found.values()}
     n = next(iter(used.values())).length
     stored = {name: v.open() for name, v in used.items()}
-    for rows in row_blocks(n, max(_rows_per_read(v) for v in used.values())):
+    for rows in column_table.row_blocks(n, max(_rows_per_read(v) for v in used.values())):
         parts = {name: _rows(v, stored[name], rows) for name, v in used.items()}
         chosen = [parts[found[name][0].name][:, found[name][1]] for name in names]
         yield np.stack(chosen, axis=1).astype(np.float64)
@@ -211,7 +199,7 @@ def _read(
     for variable in {v.name: v for v in variables}.values():
         stored = variable.open()
         if variable.name in text:
-            read[variable.name] = label_array(stored, variable.name, source)
+            read[variable.name] = column_table.label_array(stored, variable.name, source)
             continue
         kind = stored.dtype
         if kind.kind not in "fiub":
@@ -221,7 +209,7 @@ def _read(
         filled: dict[str, NDArray[Any]] = {
             name: np.empty(n, kind) if name in wanted.whole else blank[name] for _, name in places
         }
-        for rows in row_blocks(n, _rows_per_read(variable)):
+        for rows in column_table.row_blocks(n, _rows_per_read(variable)):
             part = _rows(variable, stored, rows)
             for k, name in places:
                 filled[name][rows] = part[:, k]
@@ -229,7 +217,7 @@ def _read(
             values = filled[name]
             if name in wanted.whole:
                 values = wanted.number_column(name, values)
-            read[name] = whole_number_labels(values) if name in wanted.text else values
+            read[name] = column_table.whole_number_labels(values) if name in wanted.text else values
     return {name: read[name] for name in chosen}, block
 
 
@@ -241,5 +229,5 @@ def _rows(variable: Variable, stored: Any, rows: slice) -> NDArray[Any]:
 
 def _rows_per_read(variable: Variable) -> int:
     """Return a multiple of the chunk, so that no part of a file is decompressed twice."""
-    rows = max(1, 8 * BLOCK_ROWS // variable.width)
+    rows = max(1, 8 * column_table.BLOCK_ROWS // variable.width)
     return -(-rows // variable.chunk) * variable.chunk

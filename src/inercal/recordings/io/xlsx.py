@@ -17,16 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inercal.basics.errors import InputError
-from inercal.recordings.io.column_table import (
-    Column,
-    ReadRequest,
-    Table,
-    file_sha256,
-    label_array,
-    refuse_too_many_columns,
-    select_columns,
-    shorten,
-)
+from inercal.recordings.io import column_table
+from inercal.recordings.io.column_table import Column, ReadRequest, Table, shorten
 from inercal.recordings.io.isolation import Isolation
 from inercal.recordings.io.readers import Option, Reader
 
@@ -104,7 +96,7 @@ def _rows(sheet: Any) -> Iterator[tuple[int, list[Cell]]]:
         while cells and cells[-1] is None:
             cells.pop()
         if cells:
-            refuse_too_many_columns(len(cells), f"sheet {sheet.title!r}")
+            column_table.refuse_too_many_columns(len(cells), f"sheet {sheet.title!r}")
             yield number, cells
 
 
@@ -127,7 +119,7 @@ def _table(path: Path, rows: Iterator[tuple[int, list[Cell]]], wanted: ReadReque
     first = list(islice(rows, _SNIFFED_ROWS))
     heading = _heading(source, [cells for _, cells in first])
     names = heading.names
-    chosen = select_columns(names, wanted.names, source)
+    chosen = column_table.select_columns(names, wanted.names, source)
     at = {name: names.index(name) for name in chosen}
     texts = {name for name in chosen if at[name] in heading.texts or name in wanted.text}
     words: dict[str, list[str]] = {name: [] for name in chosen if name in texts}
@@ -140,7 +132,7 @@ def _table(path: Path, rows: Iterator[tuple[int, list[Cell]]], wanted: ReadReque
     columns: dict[str, Column] = {}
     for name in chosen:
         if name in words:
-            columns[name] = label_array(words[name], name, source)
+            columns[name] = column_table.label_array(words[name], name, source)
         else:
             blank[name][:] = np.frombuffer(numbers[name])
             columns[name] = blank[name]
@@ -149,7 +141,7 @@ def _table(path: Path, rows: Iterator[tuple[int, list[Cell]]], wanted: ReadReque
         names,
         columns,
         source,
-        file_sha256(path),
+        column_table.file_sha256(path),
         lines[0] if unbroken else 0,
         heading.header,
         block=block,

@@ -21,14 +21,8 @@ from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Recording, sample_count
-from inercal.recordings.segments.motion_thresholds import (
-    WINDOW,
-    MotionThreshold,
-    axis_kinds,
-    gapless_segments,
-    motion_threshold,
-    window_samples,
-)
+from inercal.recordings.segments import motion_thresholds
+from inercal.recordings.segments.motion_thresholds import MotionThreshold
 
 MARGIN = 0.25  # s cut off at both ends of a rest, where the hand grips and lets go
 SHORTEST = 1.0  # s
@@ -148,11 +142,11 @@ def search_sections(
             "a column",
             names=sensor.channels,
         )
-    window = window_samples(recording)
+    window = motion_thresholds.window_samples(recording)
     if y.shape[0] < 4 * window:
         raise InputError(
             f"{recording.source}: {format_duration(recording.duration)} is too short to detect "
-            f"sections; record at least {4 * WINDOW:g} s"
+            f"sections; record at least {4 * motion_thresholds.WINDOW:g} s"
         )
     channels = [_Channel(y[:, k], window) for k in range(y.shape[1])]
     quietest = [channel.limit for channel in channels]
@@ -203,12 +197,12 @@ class _Channel:
 
 def _class_thresholds(recording: Recording, sensor: Sensor, window: int) -> dict[str, float]:
     """Return the threshold between rest and motion for the kinds of axis that have one, SI."""
-    segments = gapless_segments(recording)
+    segments = motion_thresholds.gapless_segments(recording)
     found: dict[str, float] = {}
-    for kind in axis_kinds(recording, sensor):
+    for kind in motion_thresholds.axis_kinds(recording, sensor):
         if int((segments[:, 1] - segments[:, 0]).max()) < window:
             continue
-        level, _ = motion_threshold(recording, kind, segments, window)
+        level, _ = motion_thresholds.motion_threshold(recording, kind, segments, window)
         if np.isfinite(level.threshold):
             first = next(axis for axis in sensor.axes if axis.measures == kind.kind)
             found[kind.kind] = level.threshold / abs(first.readout.scale)
@@ -359,7 +353,7 @@ def _turns(
 ) -> list[Mark]:
     """Return the turns by the planned angle about the vertical, which leave gravity unchanged."""
     bias = np.median(np.concatenate([w[a:b] for a, b in rests]), axis=0)
-    window = sample_count(WINDOW, recording.median_step)
+    window = sample_count(motion_thresholds.WINDOW, recording.median_step)
     candidates: list[tuple[int, int, Array]] = []
     for a, b in true_ranges(~quiet).tolist():
         if b - a < 2:

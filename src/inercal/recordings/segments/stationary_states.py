@@ -12,15 +12,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array, true_ranges
 from inercal.basics.units import format_count, format_duration
 from inercal.recordings import Finding, Mark, Recording
-from inercal.recordings.segments.dwells import (
-    ARM_RATE,
-    LEAST_TURNS,
-    SETTLING_TIME,
-    TURNING_SHARE,
-    flaw_text,
-    steady_rate,
-    swept_angle,
-)
+from inercal.recordings.segments import dwells
 from inercal.recordings.segments.plan_check import marks_from_labels
 
 _LEAST_REST = 3.0  # s
@@ -44,7 +36,7 @@ def find_stationary_states(recording: Recording) -> tuple[tuple[Mark, ...], tupl
                 continue
             again = sum(other.label.startswith(mark.label) for other in rests)
             mark = replace(mark, label=f"{mark.label} ({again + 1})") if again else mark
-            if (flaw := flaw_text(recording, mark)) is None:
+            if (flaw := dwells.flaw_text(recording, mark)) is None:
                 rests.append(mark)
                 continue
             text = f"{mark.label} is not used: {flaw}"
@@ -74,7 +66,7 @@ def omitted_state_findings(
     used += [(f.start, f.stop) for f in findings if f.start is not None and f.stop is not None]
     sections = _labelled_sections(recording)
     known = {name for name, start, stop in sections if any(start <= k < stop for k, _ in used)}
-    smooth, steady = steady_rate(recording)
+    smooth, steady = dwells.steady_rate(recording)
     still = _is_stationary(recording)
     lost: list[_OmittedState] = []
     for name, start, stop in sections:
@@ -126,19 +118,19 @@ def _short_dwell(
     recording: Recording, name: str, smooth: Array, start: int, stop: int
 ) -> _OmittedState | None:
     """Return a steady rate that does not count as a state; None if it lasts only a moment."""
-    if recording.span(start, stop) < SETTLING_TIME:
+    if recording.span(start, stop) < dwells.SETTLING_TIME:
         return None
     cuts = [int(after) for after in recording.gaps[:, 1] if start < after < stop]
-    rate = recording.readback[ARM_RATE]
+    rate = recording.readback[dwells.ARM_RATE]
     turns = 0.0
     for first, last in pairwise([start, *cuts, stop]):
-        first += round(SETTLING_TIME * recording.rate_hz)
+        first += round(dwells.SETTLING_TIME * recording.rate_hz)
         if last - first > 1:
-            angle = swept_angle(rate[first:last], recording.time[first:last])
+            angle = dwells.swept_angle(rate[first:last], recording.time[first:last])
             turns = max(turns, abs(float(angle[-1])) / (2 * pi))
     label = f"{name} at {abs(float(smooth[start:stop].mean())) * 30 / pi:.4g} rpm"
     why = _interruption_text(recording, start, stop)
-    return _OmittedState(label, why, turns, "turns", f"{LEAST_TURNS}")
+    return _OmittedState(label, why, turns, "turns", f"{dwells.LEAST_TURNS}")
 
 
 def _short_rest(
@@ -149,7 +141,9 @@ def _short_rest(
     Between other states, a table may stop for a moment without such an intention.
     """
     longest = max(runs, key=lambda run: run[1] - run[0], default=(0, 0))
-    if (longest[1] - longest[0]) / recording.rate_hz < (_LEAST_REST if others else SETTLING_TIME):
+    if (longest[1] - longest[0]) / recording.rate_hz < (
+        _LEAST_REST if others else dwells.SETTLING_TIME
+    ):
         return []
     first, last = _trim_settling(recording, *longest)
     seconds = max((last - first) / recording.rate_hz, 0.0)
@@ -166,7 +160,7 @@ def _interruption_text(recording: Recording, start: int, stop: int) -> str:
 
 def _lost_motion_texts(recording: Recording) -> list[str]:
     """Return texts on gaps or an end while the table turns, where its states are unknown."""
-    labels, rate = recording.labels, recording.readback[ARM_RATE]
+    labels, rate = recording.labels, recording.readback[dwells.ARM_RATE]
     assert labels is not None
     turning = ~_is_stationary(recording)
     texts: list[str] = []
@@ -185,12 +179,12 @@ def _lost_motion_texts(recording: Recording) -> list[str]:
 
 
 def _is_stationary(recording: Recording) -> NDArray[np.bool_]:
-    rate = np.abs(recording.readback[ARM_RATE])
-    return rate <= TURNING_SHARE * rate.max()
+    rate = np.abs(recording.readback[dwells.ARM_RATE])
+    return rate <= dwells.TURNING_SHARE * rate.max()
 
 
 def _trim_settling(recording: Recording, start: int, stop: int) -> tuple[int, int]:
-    settling = round(SETTLING_TIME * recording.rate_hz)
+    settling = round(dwells.SETTLING_TIME * recording.rate_hz)
     return start + settling, stop - settling
 
 

@@ -11,6 +11,7 @@ from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_duration, format_quantity
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.reading import sample_checks
 from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
 from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
 from inercal.benches.turntable.reading.gyro_comparison import gyro_comparison_findings
@@ -28,13 +29,6 @@ from inercal.benches.turntable.reading.readback_angles import (
     without_waits,
 )
 from inercal.benches.turntable.reading.readback_clock import ClockMismatch
-from inercal.benches.turntable.reading.sample_checks import (
-    repeated_readback_finding,
-    require_range,
-    require_readback,
-    require_turning,
-    spike_findings,
-)
 from inercal.benches.turntable.reading.step_labels import compare_with_plan, label_steps
 from inercal.benches.turntable.reading.still_table_observation import observe_without_angles
 from inercal.benches.turntable.reading.track_checks import (
@@ -103,7 +97,7 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
     angles = np.stack([recording.readback[name] for name in bench.names], axis=-1)
     named = tuple(readback_columns(run)[name] for name in bench.names)
     if read.clock is None:
-        require_readback(str(run.path), recording, angles, named)
+        sample_checks.require_readback(str(run.path), recording, angles, named)
     if HOLD_COLUMN in recording.readback:
         holds = _numbered_holds(run, recording)
     else:
@@ -118,10 +112,10 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
         )
     _require_complete_first_rest(run, recording.time, angles, holds)
     track = _build_track(run, recording, angles, holds, read.quality)
-    require_range(str(run.path), recording, track, run.sensor)
+    sample_checks.require_range(str(run.path), recording, track, run.sensor)
     findings = (
         *recording.findings,
-        *spike_findings(recording, run.sensor),
+        *sample_checks.spike_findings(recording, run.sensor),
         *_check_soaks(run, track, bench, read.interruptions, soaks),
     )
     turns = find_turns(recording.time, angles, recording.labels)
@@ -200,14 +194,14 @@ def _check_track(
         angles: list[Array] = [np.interp(time + late, time, axis) for axis in track.angles.T]
         track = replace(track, angles=np.stack(angles, axis=-1))
     if alike:
-        require_turning(where, track, run.sensor, columns.readback)
+        sample_checks.require_turning(where, track, run.sensor, columns.readback)
     findings = check_track(where, track, run.sensor, bench, columns, interruptions)
     known: RateRegression | None = None
     if run.sensor.rank("w") == len("xyz"):
         rates = rate_vectors(run.sensor, track.reading)
         known = fit_track_rates(bench, track.time, track.angles, rates)
     findings += check_earth_rate(where, track, run.sensor, bench, known)
-    if (repeated := repeated_readback_finding(track)) is not None:
+    if (repeated := sample_checks.repeated_readback_finding(track)) is not None:
         return (*findings, repeated)
     lost = dropped_sample_findings(track, run.sensor, bench, known)
     return findings + (lost or gyro_comparison_findings(track, run.sensor, bench))
