@@ -25,21 +25,7 @@ from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.pipeline import Outcome
 from inercal.report import drawing
-from inercal.report.drawing import (
-    AXES,
-    BAND,
-    FAINT,
-    INK,
-    MAX_NAMES,
-    MINUS,
-    PAPER,
-    PLUS,
-    SHAPES,
-    X,
-    Y,
-    Z,
-    svg,
-)
+from inercal.report import drawing as draw
 
 SENSOR_KINDS = {
     kind: (one.sensors.capitalize(), one.bias_unit, BIAS_UNITS[kind][0])
@@ -65,7 +51,7 @@ _GROUP_UNITS = {
 _FINE_ANGLE = ("″", np.pi / 648_000)  # for angles below 1 mrad
 _COMPONENTS = {1: ("norm",), 2: ("across 1", "across 2"), 3: ("x", "y", "z")}
 _LEVEL_AXES = ("east", "north", "up")
-_MARKERS = (*SHAPES, "D", "v", "<", ">")
+_MARKERS = (*draw.SHAPES, "D", "v", "<", ">")
 _MAX_NUMBERED = 14  # largest number of coefficients for which cells have room for numbers
 
 
@@ -112,7 +98,7 @@ def _residual_panels(seen: "_ResidualTable", kind: str, name: str, *, half: bool
     upper.set(title=title, ylabel="standard deviations")
     lower.set_ylabel(unit)
     drawing.add_legend(upper)
-    return svg(figure, name, f"Residuals of {title}, by position and turn")
+    return draw.svg(figure, name, f"Residuals of {title}, by position and turn")
 
 
 class _ResidualTable(NamedTuple):
@@ -193,7 +179,7 @@ def _group_residual_figure(outcome: Outcome) -> Markup:
         left.set_title(group.name)
         if len(parts) > 1:
             drawing.add_legend(right)  # on the left, because the title may be long
-    return svg(figure, "residuals", "Residuals of each kind of observation, by step")
+    return draw.svg(figure, "residuals", "Residuals of each kind of observation, by step")
 
 
 @drawing.style
@@ -220,13 +206,13 @@ def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
     families = list(dict.fromkeys(name.rstrip("12") for name in names))
     for k, name in enumerate(names):
         shape = _MARKERS[families.index(name.rstrip("12")) % len(_MARKERS)]
-        colour = {"1": X, "2": Y}.get(name[-1], Z)
-        axes.plot(place[:, k], table[:, k], shape, ms=4.5, mfc=colour, mec=PAPER, mew=0.4,
+        colour = {"1": draw.X, "2": draw.Y}.get(name[-1], draw.Z)
+        axes.plot(place[:, k], table[:, k], shape, ms=4.5, mfc=colour, mec=draw.PAPER, mew=0.4,
                   ls="none", label=name)  # fmt: skip
     drawing.name_positions(axes, list(pulls), worst=rows_beyond_band(table))
     axes.set_ylabel("standard deviations")
     drawing.add_legend(axes)
-    return svg(figure, "departures", "Estimated minus stated errors of the bench")
+    return draw.svg(figure, "departures", "Estimated minus stated errors of the bench")
 
 
 def rows_beyond_band(values: Array) -> list[int]:
@@ -243,19 +229,19 @@ def draw_dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) ->
     if band:
         _draw_band(axes, values)
     else:
-        axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
+        axes.axhline(0, color=draw.FAINT, lw=0.8, zorder=0)
         axes.margins(y=0.15)
     shift = 0.18 * (np.arange(len(names)) - (len(names) - 1) / 2)
     for k, name in enumerate(names):
-        axes.plot(np.arange(len(values)) + shift[k], values[:, k], SHAPES[k % 3], ms=4.5,
-                  mfc=AXES[k % 3], mec=PAPER, mew=0.4, ls="none", label=name)  # fmt: skip
+        axes.plot(np.arange(len(values)) + shift[k], values[:, k], draw.SHAPES[k % 3], ms=4.5,
+                  mfc=draw.AXES[k % 3], mec=draw.PAPER, mew=0.4, ls="none", label=name)  # fmt: skip
 
 
 def _draw_band(axes: Axes, values: Array) -> None:
     """Draw the ±2 band, and choose a scale that shows both the band and the values."""
     reach = 1.25 * max(BAND_LIMIT * 1.25, float(np.nanmax(np.abs(values), initial=0.0)))
-    axes.axhspan(-BAND_LIMIT, BAND_LIMIT, color=BAND, lw=0, zorder=0)
-    axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
+    axes.axhspan(-BAND_LIMIT, BAND_LIMIT, color=draw.BAND, lw=0, zorder=0)
+    axes.axhline(0, color=draw.FAINT, lw=0.8, zorder=0)
     axes.set_ylim(-reach, reach)
 
 
@@ -279,17 +265,19 @@ def correlations(estimate: Estimate) -> Markup:
         if p <= _MAX_NUMBERED and abs(r) >= 0.05:
             axes.text(column, row, f"{r:.2f}".replace("-", "−").replace("0.", "."),
                       ha="center", va="center", fontsize=6,
-                      color=PAPER if abs(r) > 0.6 else INK)  # fmt: skip
-    axes.plot(range(p), range(p), "o", ms=2, color=FAINT)
+                      color=draw.PAPER if abs(r) > 0.6 else draw.INK)  # fmt: skip
+    axes.plot(range(p), range(p), "o", ms=2, color=draw.FAINT)
     for k, name in enumerate(names):
         axes.text(k, p - 0.3, name, rotation=90, ha="center", va="top", fontsize=7)
         axes.text(-0.7, k, name, ha="right", va="center", fontsize=7)
     owners = [CoefficientName(name).axis for name in names]
     for k in range(1, p):
         if owners[k] != owners[k - 1]:
-            axes.plot([-0.5, k - 0.5, k - 0.5], [k - 0.5, k - 0.5, p - 0.5], color=FAINT, lw=0.6)
+            axes.plot(
+                [-0.5, k - 0.5, k - 0.5], [k - 0.5, k - 0.5, p - 0.5], color=draw.FAINT, lw=0.6
+            )
     _draw_colour_scale(axes)
-    return svg(figure, "correlations", "Correlation coefficients of the coefficients")
+    return draw.svg(figure, "correlations", "Correlation coefficients of the coefficients")
 
 
 def _draw_colour_scale(axes: Axes) -> None:
@@ -306,9 +294,11 @@ def _draw_colour_scale(axes: Axes) -> None:
 def _draw_squares(axes: Axes, cells: Sequence[tuple[int, int]], strengths: Sequence[float]) -> None:
     """Colour the cells by their correlations; cells without a correlation stay transparent."""
     square = 0.46 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    shades = [(PLUS if r > 0 else MINUS, min(abs(r), 1.0)) for r in strengths]
+    shades = [(draw.PLUS if r > 0 else draw.MINUS, min(abs(r), 1.0)) for r in strengths]
     corners = [square + cell for cell in cells]
-    axes.add_collection(PolyCollection(corners, facecolors=shades, edgecolors=BAND, linewidths=0.3))
+    axes.add_collection(
+        PolyCollection(corners, facecolors=shades, edgecolors=draw.BAND, linewidths=0.3)
+    )
 
 
 _BAND = ("0.5", 0.16)  # grey, on light and dark pages
@@ -329,9 +319,9 @@ def residual_axes(outcome: Outcome, axes: Axes | None) -> Axes:
     for labels, parts, values in residual_tables(outcome):
         rows = np.arange(len(names), len(names) + len(labels))
         for k, part in enumerate(parts):
-            axes.plot(rows, values[:, k], SHAPES[k % len(SHAPES)], ms=4, label=part)
+            axes.plot(rows, values[:, k], draw.SHAPES[k % len(draw.SHAPES)], ms=4, label=part)
         names += labels
-    every = -(-len(names) // MAX_NAMES)
+    every = -(-len(names) // draw.MAX_NAMES)
     axes.set_xticks(range(0, len(names), every), names[::every], rotation=90)
     axes.set_ylabel("residual, standard deviations")
     axes.set_title(f"{outcome.calibration.sensor.name}: about 95 % lie within the ±2 band")

@@ -15,21 +15,13 @@ from matplotlib.ticker import NullFormatter
 
 from inercal.basics.arrays import Array
 from inercal.basics.units import format_duration, format_value_and_uncertainty, si_factor
+from inercal.noise import texts as noise_texts
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
 from inercal.noise.data_sheet import HEADS, DataSheetNoise, compare_with_sheet, kind_remarks
 from inercal.noise.deviations import deviations
 from inercal.noise.output_filter import filtered_avar, filtered_model_avar
 from inercal.noise.spectrum import block_means
 from inercal.noise.terms import TERMS, model_psd
-from inercal.noise.texts import (
-    FILTER_HEADS,
-    SHOWN_UNIT,
-    channel_remarks,
-    coefficient_cells,
-    disturbance_text,
-    filter_rows,
-    movement_text,
-)
 from inercal.recordings import Recording
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, WARN, X, Y, Z, svg
@@ -63,7 +55,7 @@ def deviation_figure(channel: ChannelNoise) -> Markup:
     """Return the figure of the Allan deviation and the spectrum, with the fitted terms."""
     figure, ((left,),) = drawing.panels(3.0, [0.5], half=True)
     other, ((right,),) = drawing.panels(3.0, [0.5], half=True)
-    unit = SHOWN_UNIT[channel.quantity]
+    unit = noise_texts.SHOWN_UNIT[channel.quantity]
     size = si_factor(unit)
     table, fit = channel.oadev, channel.fit
     tau: Array = np.geomspace(float(table.tau[0]), float(table.tau[-1]), 100)
@@ -150,7 +142,7 @@ def residual_figure(channel: ChannelNoise) -> Markup:
 def time_figure(channel: ChannelNoise, time: Array, y: Array) -> Markup:
     """Return a figure of the means over time and of the Allan deviation in ten windows."""
     figure, ((top,), (low,)) = drawing.panels(1.4, [0.1, 0.45])
-    unit = SHOWN_UNIT[channel.quantity]
+    unit = noise_texts.SHOWN_UNIT[channel.quantity]
     m = max(1, y.size // _POINTS)
     shown = block_means(y - y.mean(), m) / si_factor(unit)
     top.plot(block_means(time, m), shown, color=INK, lw=0.6)
@@ -229,12 +221,12 @@ def noise_page(
     of_sheet = () if sheet is None else (*sheet.all_remarks, *kind_remarks(compared, sheet))
     good = all(one.goodness.fits for one in analysis.channels)
     disturbed = [
-        (one.channel, disturbance_text(found, one.quantity))
+        (one.channel, noise_texts.disturbance_text(found, one.quantity))
         for one in analysis.channels
         for found in one.disturbances
     ]
     name = Path(analysis.source).name
-    moved = [movement_text(analysis.movement, name)] if analysis.movement else []
+    moved = [noise_texts.movement_text(analysis.movement, name)] if analysis.movement else []
     return render(
         "noise.html",
         name=name or "recording",
@@ -248,12 +240,12 @@ def noise_page(
         disturbed=disturbed,
         remarks=(*moved, *analysis.remarks),
         rows=[
-            (one.channel, *coefficient_cells(found))
+            (one.channel, *noise_texts.coefficient_cells(found))
             for one in analysis.channels
             for found in one.coefficients
         ],
-        filter_heads=FILTER_HEADS,
-        filters=[row for one in analysis.channels for row in filter_rows(one)],
+        filter_heads=noise_texts.FILTER_HEADS,
+        filters=[row for one in analysis.channels for row in noise_texts.filter_rows(one)],
         channels=[_view(one, recording) for one in analysis.channels],
         sheet=None if sheet is None else sheet.name,
         sheet_heads=HEADS,
@@ -270,8 +262,8 @@ def _view(channel: ChannelNoise, recording: Recording) -> dict[str, Any]:
     has_lines = channel.lines and step < 1.5 * channel.dt
     return {
         "name": channel.channel,
-        "unit": SHOWN_UNIT[channel.quantity],
-        "remarks": channel_remarks(channel),
+        "unit": noise_texts.SHOWN_UNIT[channel.quantity],
+        "remarks": noise_texts.channel_remarks(channel),
         "deviations": deviation_figure(channel),
         "residuals": residual_figure(channel),
         "time": time_figure(channel, time, y),

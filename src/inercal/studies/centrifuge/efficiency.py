@@ -7,18 +7,11 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import RATES, closed_formulas
 from inercal.physics.plan import Spin
+from inercal.studies import study
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import format_all, format_significant
-from inercal.studies.study import (
-    Chart,
-    Curve,
-    StudyPanel,
-    StudySection,
-    StudyTable,
-    read_section_text,
-)
 
-TEXT = read_section_text("inercal.studies.centrifuge", "efficiency")
+TEXT = study.read_section_text("inercal.studies.centrifuge", "efficiency")
 
 TERM_COUNT = 13
 _SINGULAR = 1e-10
@@ -58,7 +51,7 @@ def full_circle_bound() -> Array:
     )
 
 
-def section(trials: simulated.CentrifugeTrials) -> StudySection:
+def section(trials: simulated.CentrifugeTrials) -> study.StudySection:
     """Build the section about efficiency and the counting rule."""
     known, round_ = known_attitude_bound(), full_circle_bound()
     once = simulated.steps(rates=RATES[:1]) * 3
@@ -93,10 +86,10 @@ def section(trials: simulated.CentrifugeTrials) -> StudySection:
     return TEXT.section(
         findings,
         (
-            StudyTable("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
+            study.StudyTable("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
                   [(name, format_all(value.ravel(), 3))
                    for name, value in sets.items()]),
-            StudyTable("How well the plans determine the 13 terms of (13)", "plan",
+            study.StudyTable("How well the plans determine the 13 terms of (13)", "plan",
                   ("dwells", "rank", "scaled\ncondition number", "worst\nseparated"),
                   [(name, [str(len(spins)), str(r),
                            *((format_significant(c, 3), least_observable_terms(spins))
@@ -104,13 +97,13 @@ def section(trials: simulated.CentrifugeTrials) -> StudySection:
                    for name, (spins, r, c) in ranks.items()]),
         ),
         (
-            Chart(
+            study.Chart(
                 "efficiency",
                 "Standard deviations divided by the Cramér–Rao bound of the printed design, from "
                 "norms only; 1 is the best that its data allow.",
                 [
-                    StudyPanel("", "", "σ / bound",
-                          [Curve(name.removesuffix(", scatter").removeprefix("bound: "),
+                    study.StudyPanel("", "", "σ / bound",
+                          [study.Curve(name.removesuffix(", scatter").removeprefix("bound: "),
                                 np.arange(9.0), (value / trials.bound).ravel(), connected=False)
                            for name, value in sets.items() if name != "bound: norms"],
                           names=heads),

@@ -15,18 +15,11 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import RATES, closed_formulas
+from inercal.studies import study
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import Claim, ClaimResult, format_significant, judge_claim
-from inercal.studies.study import (
-    Chart,
-    Curve,
-    StudyPanel,
-    StudySection,
-    StudyTable,
-    read_section_text,
-)
 
-TAYLOR_TEXT = read_section_text("inercal.studies.centrifuge", "taylor")
+TAYLOR_TEXT = study.read_section_text("inercal.studies.centrifuge", "taylor")
 
 ORDERS = (2, 3, 4, 5)
 _ITERATIONS = 8
@@ -96,7 +89,7 @@ def order_errors() -> dict[int | None, Array]:
     return {n: fit_to_order(output, norm, n) - simulated.TRUTH.values for n in (*ORDERS, None)}
 
 
-def taylor_section() -> StudySection:
+def taylor_section() -> study.StudySection:
     """Build the section about the Taylor orders."""
     f = simulated.dwell_force(simulated.steps())
     worst = {n: float(np.abs(truncation_error(n, f, simulated.TRUTH.bend)).max()) for n in ORDERS}
@@ -127,23 +120,23 @@ def taylor_section() -> StudySection:
     heads = [f"Δ{q}_a{axis}" for q in "SbD" for axis in "xyz"]
     return TAYLOR_TEXT.section(
         findings,
-        (StudyTable("Errors by order: force (g), S (V/g), b (g) and D (1/g)", "",
+        (study.StudyTable("Errors by order: force (g), S (V/g), b (g) and D (1/g)", "",
                ("f", *heads), rows),),
         (
-            Chart(
+            study.Chart(
                 "taylor",
                 "Error of the force by order at D = 5.7·10⁻⁵ 1/g (left), and the largest resulting "
                 "error of S, b and D (right). The source claims less than 10⁻⁴ g for order 2.",
                 (
-                    StudyPanel(
+                    study.StudyPanel(
                         "force", "f, g", "error, g",
-                        [Curve(f"order {n}", reach,
+                        [study.Curve(f"order {n}", reach,
                               np.maximum(np.abs(truncation_error(n, reach, np.array(bend))), 1e-12))
                          for n in ORDERS],
                     ),
-                    StudyPanel(
+                    study.StudyPanel(
                         "coefficients", "", "error",
-                        [Curve(q, np.arange(4.0),
+                        [study.Curve(q, np.arange(4.0),
                               np.array([np.abs(shift[n][k]).max() for n in ORDERS]))
                          for k, q in enumerate("SbD")],
                         names=[f"order {n}" for n in ORDERS],
@@ -154,7 +147,7 @@ def taylor_section() -> StudySection:
     )  # fmt: skip
 
 
-EQUATIONS_TEXT = read_section_text("inercal.studies.centrifuge", "equations")
+EQUATIONS_TEXT = study.read_section_text("inercal.studies.centrifuge", "equations")
 
 # γ_xy, γ_xz, γ_yx, γ_yz, γ_zx, γ_zy, rad, all different.
 MISALIGNMENT_ANGLES = dict(zip(("xy", "xz", "yx", "yz", "zx", "zy"),
@@ -298,7 +291,7 @@ def inverted_fraction() -> EquationCheck:
     )  # fmt: skip
 
 
-def equations_section(trials: simulated.CentrifugeTrials) -> StudySection:
+def equations_section(trials: simulated.CentrifugeTrials) -> study.StudySection:
     """Build the section about the equations."""
     tried = (
         norm_of_sum(),
@@ -318,6 +311,6 @@ def equations_section(trials: simulated.CentrifugeTrials) -> StudySection:
     ]  # fmt: skip
     return EQUATIONS_TEXT.section(
         [one.finding for one in tried],
-        (StudyTable("Results of the equations", "equation",
+        (study.StudyTable("Results of the equations", "equation",
                ("as printed", "mended", "true", "corrected −\ntrue"), rows),),
     )  # fmt: skip

@@ -11,19 +11,12 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import closed_formulas, ml
+from inercal.studies import study
 from inercal.studies.centrifuge import simulated_centrifuge
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import format_significant
-from inercal.studies.study import (
-    Chart,
-    Curve,
-    StudyPanel,
-    StudySection,
-    StudyTable,
-    read_section_text,
-)
 
-TEXT = read_section_text("inercal.studies.centrifuge", "misalignment")
+TEXT = study.read_section_text("inercal.studies.centrifuge", "misalignment")
 
 ANGLES = np.array([2e-4, 4e-4, 6e-4, 8e-4, 10e-4])
 
@@ -132,7 +125,7 @@ def largest_axis_errors(errors: Array) -> Array:
     return np.nanmax(np.abs(errors), axis=-1)
 
 
-def section(clean: Array) -> StudySection:
+def section(clean: Array) -> study.StudySection:
     """Build the section about Fig. 4.
 
     Parameters
@@ -198,7 +191,7 @@ def section(clean: Array) -> StudySection:
     )
 
 
-def _table(found: IgnoredMisalignment) -> StudyTable:
+def _table(found: IgnoredMisalignment) -> study.StudyTable:
     rows: list[tuple[str, list[str]]] = []
     for what, errors in (("non-orthogonality", found.non_orthogonality), ("rotation", found.turn)):
         for name, values in errors.items():
@@ -208,26 +201,28 @@ def _table(found: IgnoredMisalignment) -> StudyTable:
             ]
             rows.append((f"{what}: {name}", cells))
     heads = [f"|Δ{q}| at\n{g}" for q in "SbD" for g in ("2·10⁻⁴ rad", "10⁻³ rad")]
-    return StudyTable(
+    return study.StudyTable(
         "Largest errors of S (V/g), b (g) and D (1/g) among the axes that have a root",
         "misalignment, estimator", heads, rows,
     )  # fmt: skip
 
 
-def _chart(found: IgnoredMisalignment) -> Chart:
-    def lines(k: int) -> list[Curve]:
+def _chart(found: IgnoredMisalignment) -> study.Chart:
+    def lines(k: int) -> list[study.Curve]:
         kept = ("paper", "series", "ml")
         return [
-            Curve(name, ANGLES * 1e4, largest_axis_errors(found.non_orthogonality[name])[:, k])
+            study.Curve(
+                name, ANGLES * 1e4, largest_axis_errors(found.non_orthogonality[name])[:, k]
+            )
             for name in kept
-        ] + [Curve("claimed", ANGLES[[0, -1]] * 1e4, np.full(2, 1e-8))]
+        ] + [study.Curve("claimed", ANGLES[[0, -1]] * 1e4, np.full(2, 1e-8))]
 
-    return Chart(
+    return study.Chart(
         "misalignment",
         "Largest errors of S, b and D when a non-orthogonality of γ is ignored, by estimator, and "
         "the bound that the source claims. Numbers cannot be read from the printed figure.",
         [
-            StudyPanel("", "γ, 10⁻⁴ rad", f"largest |Δ{q}|, {simulated.UNITS[q]}", lines(k))
+            study.StudyPanel("", "γ, 10⁻⁴ rad", f"largest |Δ{q}|, {simulated.UNITS[q]}", lines(k))
             for k, q in enumerate("SbD")
         ],
     )  # fmt: skip

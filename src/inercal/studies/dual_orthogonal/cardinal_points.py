@@ -9,6 +9,7 @@ from inercal.benches.dividing_head.bench import DividingHead, position_plan, sen
 from inercal.methods.dual_orthogonal.patent_estimator import four_points
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0
+from inercal.studies import study
 from inercal.studies.claim import format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     ARCSEC,
@@ -18,16 +19,8 @@ from inercal.studies.dual_orthogonal.simulated_head import (
     nominal_bench,
     simulate,
 )
-from inercal.studies.study import (
-    Chart,
-    Curve,
-    StudyPanel,
-    StudySection,
-    StudyTable,
-    read_section_text,
-)
 
-TEXT = read_section_text("inercal.studies.dual_orthogonal", "four-points")
+TEXT = study.read_section_text("inercal.studies.dual_orthogonal", "four-points")
 
 ANGLES = np.array([0.0, 50.0, 100.0, 200.0, 300.0, 400.0, 600.0])  # ″
 JUDGED_ANGLE = 300.0  # ″
@@ -85,7 +78,7 @@ def _exact_readings(coefficients: dict[str, float], pier: Array) -> Array:
     return SENSOR.forward(Motion(sensed_motion(exact, steps, q).f), c) / G0
 
 
-def section(trials: int, seed: int) -> StudySection:
+def section(trials: int, seed: int) -> study.StudySection:
     """Build the section about the four points."""
     missing, corrected = (rms(e) for e in gain_errors(JUDGED_ANGLE * ARCSEC, trials, seed))
     by_up, u = second_order_slope(trials, seed)
@@ -109,21 +102,21 @@ def section(trials: int, seed: int) -> StudySection:
     return TEXT.section(
         findings,
         (
-            StudyTable("Error of k1 + K3, µg, by mounting angle; 1σ without noise and head errors",
-                  "mounting angle", ("this angle,\nno correction", "1σ,\nno correction",
+            study.StudyTable("Error of k1 + K3, µg, by mounting angle; 1σ without noise and head "
+                  "errors", "mounting angle", ("this angle,\nno correction", "1σ,\nno correction",
                                      "1σ,\ncorrected"),
                   [(f"{a:g}″", [format_significant(left[k], 3),
                                 *(format_significant(x) for x in scatter[k])])
                    for k, a in enumerate(ANGLES)]),
-            StudyTable(f"Errors, µg, from a lasting base tilt of {BASE_DRIFT:g}″", "tilts",
+            study.StudyTable(f"Errors, µg, from a lasting base tilt of {BASE_DRIFT:g}″", "tilts",
                   ("K0 of A", "K2 of A", "K0 of B", "K2 of B"), tilts),
         ),
         (
-            Chart("mounting", "RMS of k1 + K3 against the standard deviation of the mounting "
+            study.Chart("mounting", "RMS of k1 + K3 against the standard deviation of the mounting "
                 "angles, without "
             "noise.",
-                  [StudyPanel("", "mounting angle, ″", "RMS, µg",
-                         [Curve("no correction", ANGLES[1:], scatter[1:, 0]),
-                          Curve("corrected", ANGLES[1:], scatter[1:, 1])])]),
+                  [study.StudyPanel("", "mounting angle, ″", "RMS, µg",
+                         [study.Curve("no correction", ANGLES[1:], scatter[1:, 0]),
+                          study.Curve("corrected", ANGLES[1:], scatter[1:, 1])])]),
         ),
     )  # fmt: skip

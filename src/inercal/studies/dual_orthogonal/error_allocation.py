@@ -13,6 +13,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead
+from inercal.studies import study
 from inercal.studies.claim import Rms, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     ARCSEC,
@@ -29,17 +30,8 @@ from inercal.studies.dual_orthogonal.simulated_head import (
     simulate,
 )
 from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
-from inercal.studies.study import (
-    Call,
-    Chart,
-    Curve,
-    StudyPanel,
-    StudySection,
-    StudyTable,
-    read_section_text,
-)
 
-TEXT = read_section_text("inercal.studies.dual_orthogonal", "allocation")
+TEXT = study.read_section_text("inercal.studies.dual_orthogonal", "allocation")
 
 ErrorsByItem = Mapping[str, Mapping[str, Mapping[str, Array]]]
 """Errors by method variant, item and column."""
@@ -124,7 +116,7 @@ def allowed_autocollimator_deviation(k0: Mapping[str, float]) -> float:
     return AUTOCOLLIMATOR * np.sqrt(K0_BUDGET**2 - k0["readings"] ** 2) / k0[_AUTOCOLLIMATOR_ITEM]
 
 
-def allocation_calls(trials: int, seed: int) -> list[Call]:
+def allocation_calls(trials: int, seed: int) -> list[study.Call]:
     """Return the calls that `section` needs: items and tilting base for each variant."""
     return [
         *(partial(item_errors, way, trials, seed) for way in _ALLOCATED_METHODS),
@@ -132,7 +124,7 @@ def allocation_calls(trials: int, seed: int) -> list[Call]:
     ]
 
 
-def section(results: Sequence[Any]) -> StudySection:
+def section(results: Sequence[Any]) -> study.StudySection:
     """Build the section about the error allocation from the results of the calls."""
     count = len(_ALLOCATED_METHODS)
     found: ErrorsByItem = dict(zip(_ALLOCATED_METHODS, results[:count], strict=True))
@@ -162,7 +154,7 @@ def section(results: Sequence[Any]) -> StudySection:
     return TEXT.section(findings, (_table(found, moving),), (_chart(found),), pier=BASE_TILT)
 
 
-def _table(found: ErrorsByItem, moving: Mapping[str, Rms]) -> StudyTable:
+def _table(found: ErrorsByItem, moving: Mapping[str, Rms]) -> study.StudyTable:
     requested = [("patent", column) for column in JUDGED_COLUMNS] + [(EVERY_FACE, "K0")]
 
     def of(name: str) -> Array:
@@ -187,20 +179,24 @@ def _table(found: ErrorsByItem, moving: Mapping[str, Rms]) -> StudyTable:
         row("together with the tilt", "", np.array(tilting)),
     ]
     heads = ("size, 1σ", *(f"patent,\n{column}" for column in JUDGED_COLUMNS), "every face,\nK0")
-    return StudyTable("Contribution of each item, RMS, µg (δ in µrad)", "item", heads, rows)
+    return study.StudyTable("Contribution of each item, RMS, µg (δ in µrad)", "item", heads, rows)
 
 
-def _chart(found: ErrorsByItem) -> Chart:
+def _chart(found: ErrorsByItem) -> study.Chart:
     names = [name for name, by in found["patent"].items() if rms(by["K0"]).value > _CHART_MINIMUM]
     lines = [
-        Curve(way, np.arange(float(len(names))), np.array([rms(by[n]["K0"]).value for n in names]),
-             connected=False)
+        study.Curve(
+            way,
+            np.arange(float(len(names))),
+            np.array([rms(by[n]["K0"]).value for n in names]),
+            connected=False,
+        )
         for way, by in found.items()
-    ]  # fmt: skip
-    lines.append(Curve("budget", np.array([0.0, len(names) - 1.0]), np.full(2, K0_BUDGET)))
-    return Chart(
+    ]
+    lines.append(study.Curve("budget", np.array([0.0, len(names) - 1.0]), np.full(2, K0_BUDGET)))
+    return study.Chart(
         "allocation",
         "Contribution of each item to K0, with the budget of 0.3 µg; “together” does not include "
         "the tilt of the base. Items below 0.01 µg are omitted.",
-        [StudyPanel("", "", "RMS of K0, µg", lines, log_y=False, names=names)],
+        [study.StudyPanel("", "", "RMS of K0, µg", lines, log_y=False, names=names)],
     )

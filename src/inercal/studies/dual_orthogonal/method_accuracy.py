@@ -8,6 +8,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.estimation import Estimate
+from inercal.studies import study
 from inercal.studies.claim import Rms, format_all, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     COLUMNS,
@@ -18,18 +19,9 @@ from inercal.studies.dual_orthogonal.simulated_head import (
     simulate,
 )
 from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
-from inercal.studies.study import (
-    Call,
-    Chart,
-    Curve,
-    StudyPanel,
-    StudySection,
-    StudyTable,
-    read_section_text,
-)
 
-ACCURACY_TEXT = read_section_text("inercal.studies.dual_orthogonal", "accuracy")
-FACES_TEXT = read_section_text("inercal.studies.dual_orthogonal", "faces")
+ACCURACY_TEXT = study.read_section_text("inercal.studies.dual_orthogonal", "accuracy")
+FACES_TEXT = study.read_section_text("inercal.studies.dual_orthogonal", "faces")
 
 JOINT_METHOD = "joint"
 _CHARTED_METHODS = ("single", "dual, Bayes", "patent, no centrifuge", JOINT_METHOD, EVERY_FACE)
@@ -51,7 +43,7 @@ class MethodAccuracy:
     nees: Mapping[str, Rms]
 
 
-def method_accuracy_calls(trials: int, seed: int) -> list[Call]:
+def method_accuracy_calls(trials: int, seed: int) -> list[study.Call]:
     """Return the calls that `combine_methods` needs, one per method."""
     return [partial(_assess_method, name, trials, seed) for name in METHODS]
 
@@ -82,7 +74,7 @@ def _normalized_error(found: Estimate, case: DividingHeadCase) -> Rms:
     return Rms(float(each.mean()), float(each.std() / np.sqrt(len(each))))
 
 
-def accuracy_section(found: MethodAccuracy) -> StudySection:
+def accuracy_section(found: MethodAccuracy) -> study.StudySection:
     """Build the section with the table of methods."""
     patent, pairs = found.rms["patent, no centrifuge"], found.rms[JOINT_METHOD]
     reasons = {
@@ -107,23 +99,23 @@ def accuracy_section(found: MethodAccuracy) -> StudySection:
     places = np.arange(float(len(COLUMNS)))
     lines = [
         # Drawn side by side, because some methods agree.
-        Curve(name, places + 0.1 * (k - 2), np.array([x.value for x in found.rms[name].values()]),
-             connected=False)
+        study.Curve(name, places + 0.1 * (k - 2),
+                    np.array([x.value for x in found.rms[name].values()]), connected=False)
         for k, name in enumerate(_CHARTED_METHODS)
     ]  # fmt: skip
     return ACCURACY_TEXT.section(
         findings,
-        (StudyTable("RMS of the errors, µg (δ µrad, k1 ppm)", "method", COLUMNS, rows),),
+        (study.StudyTable("RMS of the errors, µg (δ µrad, k1 ppm)", "method", COLUMNS, rows),),
         (
-            Chart("methods", "RMS of the errors by coefficient. The goal is 1 µg; values above it "
-            "need a centrifuge, or a face at every position.",
-                  [StudyPanel("", "", "RMS, µg", lines, names=COLUMNS)]),
+            study.Chart("methods", "RMS of the errors by coefficient. The goal is 1 µg; values "
+                  "above it need a centrifuge, or a face at every position.",
+                  [study.StudyPanel("", "", "RMS, µg", lines, names=COLUMNS)]),
         ),
         largest=largest,
     )  # fmt: skip
 
 
-def faces_section(found: MethodAccuracy) -> StudySection:
+def faces_section(found: MethodAccuracy) -> study.StudySection:
     """Build the section about a polygon that is read at every position."""
     few, all_ = found.rms[JOINT_METHOD], found.rms[EVERY_FACE]
     gain = {name: few[name].value / all_[name].value for name in COLUMNS}
@@ -136,7 +128,7 @@ def faces_section(found: MethodAccuracy) -> StudySection:
     return FACES_TEXT.section(
         (),
         (
-            StudyTable("RMS of joint, µg (δ µrad, k1 ppm), by the positions where the "
+            study.StudyTable("RMS of joint, µg (δ µrad, k1 ppm), by the positions where the "
                 "autocollimator is read",
                   "read at", COLUMNS, rows),
         ),
@@ -145,7 +137,7 @@ def faces_section(found: MethodAccuracy) -> StudySection:
     )  # fmt: skip
 
 
-HEAD_TEXT = read_section_text("inercal.studies.dual_orthogonal", "head")
+HEAD_TEXT = study.read_section_text("inercal.studies.dual_orthogonal", "head")
 
 HEAD_ERRORS = (0.5, 1.0, 3.0, 10.0)  # ″ rms
 SHOWN_METHODS = ("single", "dual, Bayes", "patent", "joint", EVERY_FACE)
@@ -161,7 +153,7 @@ class HeadComparison:
     head_change: float  # µg, RMS change of the patent's K0 from a head of 10″
 
 
-def head_calls(trials: int, seed: int) -> list[Call]:
+def head_calls(trials: int, seed: int) -> list[study.Call]:
     """Return the calls that `combine_heads` needs, one per method and head."""
     return [partial(_bias_error, name, head, trials, seed) for name, head in _CASES]
 
@@ -178,7 +170,7 @@ def _bias_error(name: str, head: float, trials: int, seed: int) -> Array:
     return method_errors(name, trials, seed, head=head)["K0"]
 
 
-def head_section(found: HeadComparison) -> StudySection:
+def head_section(found: HeadComparison) -> study.StudySection:
     """Build the section about the head's error."""
     alone = found.k0["single"][HEAD_ERRORS.index(3.0)]
     findings = (
@@ -191,19 +183,20 @@ def head_section(found: HeadComparison) -> StudySection:
     )  # fmt: skip
     sizes = np.array(HEAD_ERRORS)
     lines = [
-        Curve(name, sizes, np.array([x.value for x in values])) for name, values in found.k0.items()
+        study.Curve(name, sizes, np.array([x.value for x in values]))
+        for name, values in found.k0.items()
     ]
     return HEAD_TEXT.section(
         findings,
         (
-            StudyTable("RMS of K0, µg, by the head's error (rms)", "method",
+            study.StudyTable("RMS of K0, µg, by the head's error (rms)", "method",
                   [f"{head:g}″" for head in HEAD_ERRORS],
                   [(name, format_all(k0, 3))
                    for name, k0 in found.k0.items()]),
         ),
         (
-            Chart("head", "RMS of K0 against the head's error, with the same random draws for all "
-                "heads.",
-                  [StudyPanel("", "head's error, ″ rms", "RMS of K0, µg", lines)]),
+            study.Chart("head", "RMS of K0 against the head's error, with the same random draws "
+                  "for all heads.",
+                  [study.StudyPanel("", "head's error, ″ rms", "RMS of K0, µg", lines)]),
         ),
     )  # fmt: skip

@@ -13,21 +13,13 @@ from inercal.basics.errors import NotObserved
 from inercal.benches.dividing_head.bench import Index, position_plan
 from inercal.benches.dividing_head.passes import matches_any_angle
 from inercal.methods.dual_orthogonal import g_squared
+from inercal.studies import study
 from inercal.studies.claim import Rms, format_significant, rms
 from inercal.studies.dual_orthogonal import simulated_head as simulated
 from inercal.studies.dual_orthogonal.squared_observation import matrix_rank
 from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
-from inercal.studies.study import (
-    Call,
-    Chart,
-    Curve,
-    StudyPanel,
-    StudySection,
-    StudyTable,
-    read_section_text,
-)
 
-TEXT = read_section_text("inercal.studies.dual_orthogonal", "step")
+TEXT = study.read_section_text("inercal.studies.dual_orthogonal", "step")
 
 COUNTS = (6, 7, 8, 9, 10, 12, 16, 18, 24)
 CLAIMED_COUNTS = range(9, 19)  # numbers of positions in a turn, for steps from 40° to 20°
@@ -89,7 +81,7 @@ _PLANS = {
 }
 
 
-def step_calls(trials: int, seed: int) -> list[Call]:
+def step_calls(trials: int, seed: int) -> list[study.Call]:
     """Return the calls that `section` needs: first one per step, then one per plan."""
     effects = [partial(_step_effect, n, trials, seed) for n in reversed(COUNTS)]
     plans = (position_plan, positions_with_cardinals)
@@ -140,7 +132,7 @@ def best_step(by_count: Mapping[int, Array | None]) -> tuple[float, float, str]:
     return 360 / n, abs(360 / CLAIMED_BEST - 360 / n) * over.u / (over.value - 1), words
 
 
-def section(results: Sequence[Any]) -> StudySection:
+def section(results: Sequence[Any]) -> study.StudySection:
     """Build the section about the step from the results of the calls."""
     *effects, serving, helped = results
     found: list[StepEffect] = effects[::-1]
@@ -182,7 +174,7 @@ def _rms_cell(e: Array | None) -> str:
     return "refused" if e is None else format_significant(rms(e).value, 3)
 
 
-def _table(found: Sequence[StepEffect]) -> StudyTable:
+def _table(found: Sequence[StepEffect]) -> study.StudyTable:
     rows = [
         (f"{s.n}, {360 / s.n:.4g}°",
          [str(s.rank), _rms_cell(s.dual),
@@ -191,31 +183,31 @@ def _table(found: Sequence[StepEffect]) -> StudyTable:
         for s in found
     ]  # fmt: skip
     heads = [f"{way},\n{what}" for way in _PLANS for what in ("same at each", "same in total")]
-    return StudyTable(
+    return study.StudyTable(
         "Rank of g² and RMS, µg, by the number of positions",
         "positions, step", ("rank", "dual, Bayes", *heads), rows,
     )  # fmt: skip
 
 
-def _chart(found: Sequence[StepEffect]) -> Chart:
-    def lines(totals: bool) -> list[Curve]:
-        result: list[Curve] = []
+def _chart(found: Sequence[StepEffect]) -> study.Chart:
+    def lines(totals: bool) -> list[study.Curve]:
+        result: list[study.Curve] = []
         for way in (_WITH_CARDINALS, "joint", EVERY_FACE):
             values = [(s.equal_in_total if totals else s.equal_per_position)[way] for s in found]
             kept = [(k, rms(e).value) for k, e in enumerate(values) if e is not None]
             x, y = np.array([(k, value) for k, value in kept if value < _CHART_MAXIMUM]).T
-            result.append(Curve(way.removesuffix(", cardinals added"), x, y))
+            result.append(study.Curve(way.removesuffix(", cardinals added"), x, y))
         return result
 
     names = [str(s.n) for s in found]
-    return Chart(
+    return study.Chart(
         "step",
         "RMS against the number of positions, with the same number of readings at each (left) or "
         "in total (right). For patent, cardinal positions are added; joint without both pairs, "
         "which "
         f"exceeds {_CHART_MAXIMUM:g} µg, is omitted.",
         [
-            StudyPanel("", "", "RMS, µg", lines(totals), log_y=False, names=names)
+            study.StudyPanel("", "", "RMS, µg", lines(totals), log_y=False, names=names)
             for totals in (False, True)
         ],
     )

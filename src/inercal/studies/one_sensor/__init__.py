@@ -19,17 +19,10 @@ from inercal.calibration.comparison import compare
 from inercal.pipeline import calibrate, simulate_files
 from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read
+from inercal.studies import study
 from inercal.studies.claim import format_significant
-from inercal.studies.study import (
-    MessageCallback,
-    Study,
-    StudySection,
-    StudyTable,
-    build_study,
-    read_section_text,
-)
 
-TEXT = read_section_text(__name__, "agreement")
+TEXT = study.read_section_text(__name__, "agreement")
 LABORATORIES = (
     "six_position",
     "ferraris",
@@ -66,7 +59,7 @@ class PairTest(NamedTuple):
 Pair = tuple[str, str]
 
 
-def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
+def run(trials: int, seed: int, say: study.MessageCallback, executor: Executor) -> study.Study:
     """Compute the study; see `inercal.studies.reproduce`."""
     sensors = max(trials // TRIALS_PER_SENSOR, FEWEST)
     indices = [executor.submit(compare_pairs, seed, k) for k in range(sensors)]
@@ -74,7 +67,7 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
     for one in in_order(executor, indices[0]):
         found.append(one)
         say(f"sensor {len(found)} of {sensors} through {len(LABORATORIES)} laboratories")
-    return build_study(
+    return study.build_study(
         __name__, [section(found)], sensors=sensors, seed=seed, laboratories=", ".join(LABORATORIES)
     )
 
@@ -135,7 +128,7 @@ def run_file_text(laboratory: str, truth: Mapping[str, str]) -> str:
     return "\n".join([sensor, "[sensor.truth]", *lines, "", bench])
 
 
-def section(found: Sequence[Mapping[Pair, PairTest]]) -> StudySection:
+def section(found: Sequence[Mapping[Pair, PairTest]]) -> study.StudySection:
     """Build the section with both claims and a table of the pairs."""
     pairs = list(found[0])
     chi2 = np.array([[one[pair].chi2 for pair in pairs] for one in found])
@@ -164,5 +157,5 @@ def section(found: Sequence[Mapping[Pair, PairTest]]) -> StudySection:
         )
         for j, pair in enumerate(pairs)
     ]
-    table = StudyTable("Pairs", "laboratories", ("coefficients", "χ²/ν", "smallest p"), rows)
+    table = study.StudyTable("Pairs", "laboratories", ("coefficients", "χ²/ν", "smallest p"), rows)
     return TEXT.section(findings, [table])

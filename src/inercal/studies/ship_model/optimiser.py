@@ -16,19 +16,11 @@ from inercal.methods.ship_multi_angle.norm_equations import (
 )
 from inercal.methods.ship_planar import fit_level_states
 from inercal.physics.sensors.affine import AffineModel
+from inercal.studies import study
 from inercal.studies.claim import format_significant
 from inercal.studies.ship_model import simulated_rate_table as simulated
-from inercal.studies.study import (
-    Call,
-    Chart,
-    Curve,
-    StudyPanel,
-    StudySection,
-    StudyTable,
-    read_section_text,
-)
 
-TEXT = read_section_text("inercal.studies.ship_model", "optimiser")
+TEXT = study.read_section_text("inercal.studies.ship_model", "optimiser")
 
 BOUNDS = {"default": Bounds(), "wide": Bounds(scale=1.0, cross=1.0, bias=1.0)}
 _BOUNDS_TEXTS = {"default": "±10 %, ±0.2 g", "wide": "±100 %, ±1 g"}
@@ -47,7 +39,7 @@ class OptimiserComparison(NamedTuple):
     largest: dict[str, float]  # relative vector error in a fresh pose
 
 
-def search_calls(case: simulated.ShipModelCase, devices: int, seed: int) -> list[Call]:
+def search_calls(case: simulated.ShipModelCase, devices: int, seed: int) -> list[study.Call]:
     """Return the calls that search for the first devices, one for each device and bounds."""
     # Each device has its own seed, because the null directions are random.
     return [
@@ -110,7 +102,7 @@ def median_of_few(values: Sequence[float]) -> simulated.MedianEstimate:
     )
 
 
-def section(searched: Sequence[OptimiserComparison]) -> StudySection:
+def section(searched: Sequence[OptimiserComparison]) -> study.StudySection:
     """Build the section about the optimiser."""
     off = {name: median_of_few([one.vector_error[name] for one in searched]) for name in BOUNDS}
     largest = {name: 100 * max(one.largest[name] for one in searched) for name in BOUNDS}
@@ -148,7 +140,8 @@ def section(searched: Sequence[OptimiserComparison]) -> StudySection:
     return TEXT.section(
         findings,
         (
-            StudyTable("Results by device, mg, with the ratio of the sums of squares", "device",
+            study.StudyTable(
+                  "Results by device, mg, with the ratio of the sums of squares", "device",
                   ("sum, optimiser\nover damped", "norms", "vectors,\ndamped",
                    "vectors,\noptimiser", "vectors,\nwide bounds", "optimiser\nto damped"), rows),
         ),
@@ -156,23 +149,25 @@ def section(searched: Sequence[OptimiserComparison]) -> StudySection:
     )  # fmt: skip
 
 
-def _history(one: OptimiserComparison) -> Chart:
-    def lines(what: str) -> list[Curve]:
+def _history(one: OptimiserComparison) -> study.Chart:
+    def lines(what: str) -> list[study.Curve]:
         return [
-            Curve(_BOUNDS_TEXTS[name], np.array([float(g.number) for g in found.history]),
+            study.Curve(_BOUNDS_TEXTS[name], np.array([float(g.number) for g in found.history]),
                  np.array([100 * g.worst if what == "worst" else g.cost for g in found.history]))
             for name, found in one.searches.items()
         ]  # fmt: skip
 
     last = float(max(len(found.history) for found in one.searches.values()))
-    goal = Curve("goal", np.array([1.0, last]), np.full(2, 100 * GOAL))
-    return Chart(
+    goal = study.Curve("goal", np.array([1.0, last]), np.full(2, 100 * GOAL))
+    return study.Chart(
         "history",
         "The optimiser's progress for one device, as in the source's Fig. 6: the best member after "
         "each generation, before polishing. The goal is met long before the end, and says nothing "
         "about the accuracy of the coefficients.",
         [
-            StudyPanel("", "generation", "largest error of a norm, %", [*lines("worst"), goal]),
-            StudyPanel("", "generation", "sum of squares, g⁴", lines("cost")),
+            study.StudyPanel(
+                "", "generation", "largest error of a norm, %", [*lines("worst"), goal]
+            ),
+            study.StudyPanel("", "generation", "sum of squares, g⁴", lines("cost")),
         ],
     )

@@ -25,6 +25,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.physics.frames import exp_so3
 from inercal.physics.sensors import G0
+from inercal.studies import study
 from inercal.studies.claim import format_significant
 from inercal.studies.ship_model.estimators import UNCALIBRATED, EstimatorComparison
 from inercal.studies.ship_model.simulated_rate_table import (
@@ -32,15 +33,6 @@ from inercal.studies.ship_model.simulated_rate_table import (
     calibration_errors,
     median_estimate,
     select_trials,
-)
-from inercal.studies.study import (
-    Call,
-    Chart,
-    Curve,
-    StudyPanel,
-    StudySection,
-    StudyTable,
-    read_section_text,
 )
 
 _COMPONENTS = 60
@@ -145,7 +137,7 @@ def _axis_rotation(axis: int, angle: Array) -> Array:
     return exp_so3(angle[:, None] * np.eye(3)[axis])
 
 
-TEXT = read_section_text("inercal.studies.ship_model", "motion")
+TEXT = study.read_section_text("inercal.studies.ship_model", "motion")
 
 WAVES = {"regular": REGULAR_WAVES, "irregular": IRREGULAR_WAVES}
 SHOWN_ESTIMATORS = (UNCALIBRATED, "planar", "damped", "joint")
@@ -178,7 +170,7 @@ def residual_error(found: EstimatorComparison, name: str, f: Array) -> ResidualE
     return ResidualError(rms, peak, rest_corrected)
 
 
-def wave_calls(found: EstimatorComparison) -> list[Call]:
+def wave_calls(found: EstimatorComparison) -> list[study.Call]:
     """Return the calls that `section` needs, one per run and estimator."""
     runs = _wave_runs(found.seed)
     return [
@@ -192,7 +184,7 @@ def _wave_runs(seed: int) -> dict[str, ShipMotion]:
     return {name: simulate_ship_motion(waves, _TIME, seed) for name, waves in WAVES.items()}
 
 
-def section(found: EstimatorComparison, results: Sequence[ResidualError]) -> StudySection:
+def section(found: EstimatorComparison, results: Sequence[ResidualError]) -> study.StudySection:
     """Build the section about the ship motion check from the results of the calls."""
     runs = _wave_runs(found.seed)
     rest = iter(results)
@@ -233,7 +225,7 @@ def _heave_acceleration(run: ShipMotion) -> tuple[float, float]:
     return float(np.sqrt((a**2).mean())), float(np.abs(a).max())
 
 
-def _table(name: str, run: ShipMotion, by_way: dict[str, ResidualError]) -> StudyTable:
+def _table(name: str, run: ShipMotion, by_way: dict[str, ResidualError]) -> study.StudyTable:
     rms, peak = _heave_acceleration(run)
     rows: list[tuple[str, list[str]]] = []
     for way, one in by_way.items():
@@ -246,7 +238,7 @@ def _table(name: str, run: ShipMotion, by_way: dict[str, ResidualError]) -> Stud
             rows.append((f"{way}, {what}", [format_significant(x / MILLI) for x in middle]
                          + [f"{format_significant(100 * x / size)} %"
                             for x in middle]))  # fmt: skip
-    return StudyTable(
+    return study.StudyTable(
         f"{name.capitalize()} waves: remaining error, median over devices, in mg and relative to "
         "the heave "
         f"acceleration ({format_significant(rms / MILLI)} mg rms, "
@@ -255,7 +247,7 @@ def _table(name: str, run: ShipMotion, by_way: dict[str, ResidualError]) -> Stud
     )  # fmt: skip
 
 
-def _chart(found: EstimatorComparison, t: Array, run: ShipMotion) -> Chart:
+def _chart(found: EstimatorComparison, t: Array, run: ShipMotion) -> study.Chart:
     seen = t < _CHART_SECONDS
     f = run.f[seen] / G0
     off = {
@@ -264,15 +256,15 @@ def _chart(found: EstimatorComparison, t: Array, run: ShipMotion) -> Chart:
         if way in SHOWN_ESTIMATORS and way != UNCALIBRATED
     }
     panels = [
-        StudyPanel("", "s", f"error along {axis}, mg",
-              [Curve(way, t[seen], e[:, k] / MILLI) for way, e in off.items()], log_y=False)
+        study.StudyPanel("", "s", f"error along {axis}, mg",
+              [study.Curve(way, t[seen], e[:, k] / MILLI) for way, e in off.items()], log_y=False)
         for k, axis in enumerate("xyz")
     ]  # fmt: skip
     largest = ", ".join(
         f"±{format_significant(x / MILLI)}"
         for x in np.abs(f - [0.0, 0.0, 1.0]).max(axis=0).tolist()
     )
-    return Chart(
+    return study.Chart(
         "motion-error",
         "The first seconds in irregular waves, one device: the error that remains with each "
         f"calibration, while the axes sense {largest} mg in addition to 1 g along z.",

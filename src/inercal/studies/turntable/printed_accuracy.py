@@ -7,15 +7,8 @@ import numpy as np
 from inercal.benches.turntable.paths import discrete_path, fast_path, paper_path
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.physics.sensors import G0
+from inercal.studies import study
 from inercal.studies.claim import ClaimResult, Rms, format_all, format_significant
-from inercal.studies.study import (
-    Chart,
-    Curve,
-    StudyPanel,
-    StudySection,
-    StudyTable,
-    read_section_text,
-)
 from inercal.studies.turntable.simulated_turntable import ARW, MICRO_G, PPM, TABLE
 from inercal.studies.turntable.turntable_trials import (
     COEFFICIENT_KINDS,
@@ -28,7 +21,7 @@ from inercal.studies.turntable.turntable_trials import (
     share_within_bound,
 )
 
-ACCURACY_TEXT = read_section_text("inercal.studies.turntable", "accuracy")
+ACCURACY_TEXT = study.read_section_text("inercal.studies.turntable", "accuracy")
 BIAS_BOUND = ACCURACY_TEXT.claims["gyro_bias"].expected  # °/min
 REST_SECONDS = 72.0  # s, duration of the rest
 OWN_PATH, WHOLE_RECORDING = "15 states, own path", "19 states, whole recording"
@@ -52,7 +45,7 @@ def required_random_walk(seconds: float, bound: float = BIAS_BOUND) -> float:
     return bound * 60 * sqrt(seconds / 3600)
 
 
-def accuracy_section(found: TurntableTrials) -> StudySection:
+def accuracy_section(found: TurntableTrials) -> study.StudySection:
     """Build the section about the printed accuracy."""
     return ACCURACY_TEXT.section(
         (*_gyro_findings(found), *_accelerometer_findings(found)),
@@ -126,7 +119,7 @@ def _in_printed_unit(one: Rms, of: str, kind: str) -> Rms:
     return Rms(one.value * size, one.u * size)
 
 
-def _chart(found: TurntableTrials) -> Chart:
+def _chart(found: TurntableTrials) -> study.Chart:
     held = {
         EIGHTEEN_STATES: "18",
         "25 states": "25",
@@ -134,14 +127,14 @@ def _chart(found: TurntableTrials) -> Chart:
         DISCRETE_PROCEDURE: "discrete",
     }
     panels = [
-        StudyPanel("", "", f"worst {_SENSOR_NAMES[of]}, over its bound",
+        study.StudyPanel("", "", f"worst {_SENSOR_NAMES[of]}, over its bound",
               [_filter_marks(score_filter(runs[name], of), of, short, 0.08 * (k - 2))
                for k, (name, short) in enumerate(names.items())], names=tuple(COEFFICIENT_KINDS))
         for of, runs, names in (
             ("g", found.gyros, _CHARTED_FILTERS), ("a", found.accelerometers, held)
         )
     ]  # fmt: skip
-    return Chart(
+    return study.Chart(
         "methods",
         "Error of the worst axis, RMS over devices, divided by the printed bound; above 1 the "
         "bound is not met. Filters are named by their number of states; 19 is used on the source's "
@@ -151,7 +144,7 @@ def _chart(found: TurntableTrials) -> Chart:
     )
 
 
-def _filter_marks(one: FilterScore, of: str, name: str, aside: float) -> Curve:
+def _filter_marks(one: FilterScore, of: str, name: str, aside: float) -> study.Curve:
     """Return the marks of one filter with a small offset, because some filters agree."""
     over_bound = [
         _in_printed_unit(one.largest_axis[kind], of, kind).value
@@ -159,10 +152,10 @@ def _filter_marks(one: FilterScore, of: str, name: str, aside: float) -> Curve:
         for kind in COEFFICIENT_KINDS
     ]
     places = np.arange(float(len(over_bound))) + aside
-    return Curve(name, places, np.array(over_bound), connected=False)
+    return study.Curve(name, places, np.array(over_bound), connected=False)
 
 
-TIME_TEXT = read_section_text("inercal.studies.turntable", "time")
+TIME_TEXT = study.read_section_text("inercal.studies.turntable", "time")
 _PATHS = {"paper": paper_path, "fast": fast_path, "discrete": discrete_path}
 
 
@@ -177,7 +170,7 @@ def rms_ratio(one: Rms, other: Rms) -> Rms:
     return Rms(value, value * ((one.u / one.value) ** 2 + (other.u / other.value) ** 2) ** 0.5)
 
 
-def time_section(found: TurntableTrials) -> StudySection:
+def time_section(found: TurntableTrials) -> study.StudySection:
     """Build the section about the duration."""
     minutes = path_minutes()
     gyros = {
@@ -213,7 +206,7 @@ def time_section(found: TurntableTrials) -> StudySection:
 
 def _time_table(
     minutes: dict[str, float], gyros: dict[str, FilterScore], held: dict[str, FilterScore]
-) -> StudyTable:
+) -> study.StudyTable:
     ways = (
         ("source's path, 15 and 18 states", "paper", OWN_PATH, EIGHTEEN_STATES),
         ("source's path, full, whole recording", "paper", FULL_STATES, "full"),
@@ -225,5 +218,6 @@ def _time_table(
     ]
     heads = ("min", "bias,\n°/min", "scale,\nppm", "angles,\n″", "bias,\nµg", "scale,\nppm",
              "angles,\n″")  # fmt: skip
-    return StudyTable("Duration, and RMS errors of the gyros and accelerometers", "way", heads,
-                 rows)  # fmt: skip
+    return study.StudyTable(
+        "Duration, and RMS errors of the gyros and accelerometers", "way", heads, rows
+    )

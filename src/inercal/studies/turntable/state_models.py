@@ -4,20 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from inercal.studies import study
 from inercal.studies.claim import ClaimResult, format_all, format_significant
-from inercal.studies.study import (
-    Chart,
-    Curve,
-    StudyPanel,
-    StudySection,
-    StudyTable,
-    read_section_text,
-)
 from inercal.studies.turntable import turntable_trials as trials
 from inercal.studies.turntable.printed_accuracy import EIGHTEEN_STATES, FULL_STATES, OWN_PATH
 from inercal.studies.turntable.simulated_turntable import LATENCY
 
-STATES_TEXT = read_section_text("inercal.studies.turntable", "states")
+STATES_TEXT = study.read_section_text("inercal.studies.turntable", "states")
 _UNITS = {
     "g": {"bias": "°/min", "scale": "ppm", "misalignment": "″"},
     "a": {"bias": "µg", "scale": "ppm", "misalignment": "″"},
@@ -25,7 +18,7 @@ _UNITS = {
 _HEADS = ("bias", "scale, ppm", "misalignment, ″", "NEES", "its error")
 
 
-def states_section(found: trials.TurntableTrials) -> StudySection:
+def states_section(found: trials.TurntableTrials) -> study.StudySection:
     """Build the section about the filter states."""
     findings: list[ClaimResult] = []
     for of, runs, name, better in (
@@ -55,27 +48,27 @@ def states_section(found: trials.TurntableTrials) -> StudySection:
 
 def _states_table(
     title: str, names: Sequence[str], runs: dict[str, list[trials.FilterErrors]], of: str
-) -> StudyTable:
+) -> study.StudyTable:
     scores = {name: trials.score_filter(runs[name], of) for name in names}
     rows = [
         (name, [*format_all(one[:4]), format_significant(one.nees.u, 1)])
         for name, one in scores.items()
     ]
-    return StudyTable(title, "filter", _HEADS, rows)
+    return study.StudyTable(title, "filter", _HEADS, rows)
 
 
-def _states_chart(found: trials.TurntableTrials, of: str, names: tuple[str, str]) -> Chart:
+def _states_chart(found: trials.TurntableTrials, of: str, names: tuple[str, str]) -> study.Chart:
     runs = found.gyros if of == "g" else found.accelerometers
-    panels: list[StudyPanel] = []
+    panels: list[study.StudyPanel] = []
     for kind in trials.COEFFICIENT_KINDS:
-        lines: list[Curve] = []
+        lines: list[study.Curve] = []
         for name in names:
             lines += _convergence_curves(
                 runs[name], kind, of, name.partition(",")[0].partition(" ")[0]
             )
-        panels.append(StudyPanel("", "min", f"{kind}, {_UNITS[of][kind]}", lines))
+        panels.append(study.StudyPanel("", "min", f"{kind}, {_UNITS[of][kind]}", lines))
     what = "gyros" if of == "g" else "accelerometers"
-    return Chart(
+    return study.Chart(
         f"convergence-{of}",
         f"RMS error of the {what} over the devices, and the RMS that the filter states, against "
         "time. If the error stays above the stated value, the filter is overconfident. Filters are "
@@ -86,7 +79,7 @@ def _states_chart(found: trials.TurntableTrials, of: str, names: tuple[str, str]
 
 def _convergence_curves(
     found: Sequence[trials.FilterErrors], kind: trials.CoefficientKind, of: str, name: str
-) -> list[Curve]:
+) -> list[study.Curve]:
     at, size = trials.coefficient_indices(kind), trials.printed_unit_size(kind, of)
     traces = [one.trace for one in found if one.trace]
     error, stated = (
@@ -94,10 +87,10 @@ def _convergence_curves(
         for x in ([one.error for one in traces], [one.std for one in traces])
     )
     time = traces[0].time / 60
-    return [Curve(name, time, error), Curve(f"{name}, stated", time, stated)]
+    return [study.Curve(name, time, error), study.Curve(f"{name}, stated", time, stated)]
 
 
-FAILURES_TEXT = read_section_text("inercal.studies.turntable", "failures")
+FAILURES_TEXT = study.read_section_text("inercal.studies.turntable", "failures")
 NINETEEN_STATES = "19 states, own path"
 _FAILURE_ROWS = (
     OWN_PATH,
@@ -110,7 +103,7 @@ _FAILURE_ROWS = (
 )
 
 
-def failures_section(found: trials.TurntableTrials) -> StudySection:
+def failures_section(found: trials.TurntableTrials) -> study.StudySection:
     """Build the section about the failures."""
     result = {name: trials.score_filter(runs, "g") for name, runs in found.gyros.items()}
     lost, own = result[trials.OPEN_LOOP], result[OWN_PATH]
@@ -145,7 +138,7 @@ def failures_section(found: trials.TurntableTrials) -> StudySection:
     )
 
 
-def _failures_table(made: dict[str, trials.FilterScore]) -> StudyTable:
+def _failures_table(made: dict[str, trials.FilterScore]) -> study.StudyTable:
     rows = [(name, format_all(made[name][:4])) for name in _FAILURE_ROWS]
-    return StudyTable("Gyros: RMS of the errors if an effect is not modelled", "filter",
+    return study.StudyTable("Gyros: RMS of the errors if an effect is not modelled", "filter",
                  ("bias, °/min", "scale, ppm", "misalignment, ″", "NEES"), rows)  # fmt: skip

@@ -18,14 +18,8 @@ import scipy
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.implied_rates import (
-    LocalOffsets,
-    WindowedRates,
-    fit_rates,
-    gyro_rates,
-    local_offsets,
-    table_rates,
-)
+from inercal.benches.turntable.reading import implied_rates as implied
+from inercal.benches.turntable.reading.implied_rates import LocalOffsets, WindowedRates
 
 MAX_CLOCK_OFFSET = 1.0  # s, largest offset
 MAX_CLOCK_DRIFT = 1e-3  # largest relative rate between the clocks
@@ -140,7 +134,7 @@ def align_readback(
     reach = MAX_CLOCK_OFFSET + MAX_CLOCK_DRIFT * float(time[-1] - time[0])
     _require_span(time + about, table_time, reach)
     time, table_time = time - origin, table_time - shift
-    table, gyros = table_rates(bench, table_time, angles), gyro_rates(time, rates)
+    table, gyros = implied.table_rates(bench, table_time, angles), implied.gyro_rates(time, rates)
     if (near := _search(table, gyros)) is None:
         raise ClockMismatch(
             "the offset of the readback's clock cannot be estimated: the table never turns in the "
@@ -220,8 +214,8 @@ def _local_offsets(
     )
     if np.count_nonzero(here.is_complete) < _FEWEST:
         raise InputError(few)
-    known = fit_rates(gyros.rate[here.is_complete], here.rate[here.is_complete])
-    found = local_offsets(here, gyros, known)
+    known = implied.fit_rates(gyros.rate[here.is_complete], here.rate[here.is_complete])
+    found = implied.local_offsets(here, gyros, known)
     if len(found.time) < 2:
         raise InputError(few)
     time = (found.time - late[1]) / (1 + late[0])  # from the table's clock to the IMU's
