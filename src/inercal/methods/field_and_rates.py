@@ -30,13 +30,7 @@ from inercal.benches import Hand
 from inercal.estimation import Estimate
 from inercal.estimation.residual_scatter import LEAST_RATIO
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
-from inercal.methods.magnetic_field import (
-    Directions,
-    FieldConditions,
-    FieldNodes,
-    Links,
-    fit_field,
-)
+from inercal.methods.magnetic_field import Directions, FieldConditions, FieldNodes, Links, fit_field
 from inercal.methods.magnetic_field.stage import (
     DELAY_SD,
     STATED_NOISE,

@@ -25,12 +25,7 @@ from inercal.basics.units import (
     si_factor,
 )
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.noise.channel_noise import (
-    QUANTITIES,
-    ChannelNoise,
-    NoiseAnalysis,
-    coefficient_unit,
-)
+from inercal.noise.channel_noise import QUANTITIES, ChannelNoise, NoiseAnalysis, coefficient_unit
 from inercal.noise.sensor_noise import (
     SensorNoise,
     TriadNoise,

@@ -88,11 +88,7 @@ def simulate_head_motion(
     names = np.array([step.label for step in steps])
     time = np.arange(place.size) / rate_hz
     nothing = np.zeros(place.size)
-    readback = {
-        "angle": angle[row] + share * turned,
-        "autocollimator": nothing,
-        "level": nothing,
-    }
+    readback = {"angle": angle[row] + share * turned, "autocollimator": nothing, "level": nothing}
     labels = np.where(share > 0, "", names[row])
     done = SimulatedMotion(time, motion, labels, drawn, readback)
     return SensorSimulation(done, sensor, drift[:, row])

@@ -10,10 +10,4 @@ from inercal.benches.qualification.result import Qualification, QualifiedParamet
 
 NO_QUALIFICATIONS = UsedQualifications()
 
-__all__ = [
-    "KEY",
-    "NO_QUALIFICATIONS",
-    "Qualification",
-    "QualifiedParameter",
-    "UsedQualifications",
-]
+__all__ = ["KEY", "NO_QUALIFICATIONS", "Qualification", "QualifiedParameter", "UsedQualifications"]

@@ -25,12 +25,7 @@ import scipy.linalg
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.units import Measured
-from inercal.methods.magnetic_field.records import (
-    Directions,
-    FieldNodes,
-    LinearModel,
-    Links,
-)
+from inercal.methods.magnetic_field.records import Directions, FieldNodes, LinearModel, Links
 from inercal.physics.frames import exp_so3, log_so3, skew
 
 _TINY = (

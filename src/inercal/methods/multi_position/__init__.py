@@ -341,10 +341,7 @@ METHOD = Method(
     },
     needs=("f",),
     plan=attitude_coverage.hand_held_plan,
-    estimators={
-        "joint": joint,
-        "sequential": sequential,
-    },
+    estimators={"joint": joint, "sequential": sequential},
     source="Skog and Händel, IMEKO 2006; Tedaldi, Pretto, Menegatti, ICRA 2014",
     unknown_attitudes=True,
     frame=triangular_frame,  # the accelerometers' own frame, because there is no mounting

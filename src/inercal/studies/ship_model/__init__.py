@@ -30,11 +30,7 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
     for call in wave_check.wave_calls(found):
         executor.submit(call)
     say("the planar calibration")
-    sections = [
-        planar.section(found),
-        equation_rank.section(),
-        equation_rank.damped_section(found),
-    ]
+    sections = [planar.section(found), equation_rank.section(), equation_rank.damped_section(found)]
     say(f"global searches of {searches} devices")
     of_searches = list(islice(results, searches * len(optimiser.BOUNDS)))
     searched = optimiser.compare_searches(case, seed, of_searches)

@@ -23,11 +23,7 @@ from scipy import special
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.benches.qualification.linear_fit import (
-    MeasuredParameters,
-    from_fit,
-    linear_fit,
-)
+from inercal.benches.qualification.linear_fit import MeasuredParameters, from_fit, linear_fit
 from inercal.estimation.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
 from inercal.physics.earth import earth_rate_up_north
 

@@ -18,11 +18,7 @@ from scipy import special
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.benches.qualification.linear_fit import (
-    MeasuredParameters,
-    from_fit,
-    linear_fit,
-)
+from inercal.benches.qualification.linear_fit import MeasuredParameters, from_fit, linear_fit
 
 _FEWEST = 4  # counts needed to estimate a scatter
 _LEVEL = 0.05

@@ -21,11 +21,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.benches.qualification.linear_fit import (
-    MeasuredParameters,
-    from_fit,
-    linear_fit,
-)
+from inercal.benches.qualification.linear_fit import MeasuredParameters, from_fit, linear_fit
 from inercal.benches.qualification.measurements.head_map import ARCSEC
 
 _MOST = 6  # highest harmonic of the wobble that is tested
