@@ -12,13 +12,7 @@ from typer.core import TyperGroup
 
 from inercal.basics.atomic_files import atomic_write_all
 from inercal.basics.errors import InercalError, InputError, require_installed
-from inercal.cli.console import (
-    open_register,
-    print_json,
-    print_table,
-    print_written_files,
-    report_line,
-)
+from inercal.cli import console
 from inercal.cli.options import Force, Json, RegisterOption
 
 if TYPE_CHECKING:
@@ -141,19 +135,19 @@ def issue(
         if options.change:
             raise _option_error("--draft", "a draft cannot change a certificate; remove --draft")
         if calibration.verdict is not None and calibration.verdict.grade == "unreliable":
-            report_line(f"warning: {file.name} is not to be relied on")
+            console.report_line(f"warning: {file.name} is not to be relied on")
         files, number, address = make_files(given, "", options), "", None
         written = _write(files, out, f"{file.name.partition('.')[0]}.draft", force)
     else:
-        with open_register(register, by) as opened:
+        with console.open_register(register, by) as opened:
             entry = issue_certificate(file, given, options, opened)
             address = opened.address
         number = entry.number
         written = _write(entry.files, out, number, force, number)
     if json:
-        print_json({"number": number, "register": address, **written})
+        console.print_json({"number": number, "register": address, **written})
         return
-    print_written_files(written.values())
+    console.print_written_files(written.values())
 
 
 @app.command()
@@ -180,10 +174,10 @@ def verify(
     if register is None:
         found = verify_certificate(file, trust=trust, schema=schema)
     else:
-        with open_register(register, create=False) as opened:
+        with console.open_register(register, create=False) as opened:
             found = verify_certificate(file, trust=trust, schema=schema, register=opened)
     if json:
-        print_json(
+        console.print_json(
             {
                 "number": found.number,
                 "authentic": found.authentic,
@@ -210,25 +204,25 @@ def copy_(
     json: Json = False,
 ) -> None:
     """Write the files of an issued certificate again from the register."""
-    with open_register(register, create=False) as opened:
+    with console.open_register(register, create=False) as opened:
         entry = opened.certificate(number)
     written = _write(entry.files, out, entry.number, force)
     if json:
-        print_json({"number": entry.number, **written})
+        console.print_json({"number": entry.number, **written})
         return
-    print_written_files(written.values())
+    console.print_written_files(written.values())
 
 
 @app.command("list")
 def list_(register: RegisterOption = None, json: Json = False) -> None:
     """List the certificates in the register."""
-    with open_register(register, create=False) as opened:
+    with console.open_register(register, create=False) as opened:
         address, found = opened.address, opened.certificates()
     if json:
-        print_json({"register": address, "certificates": [one._asdict() for one in found]})
+        console.print_json({"register": address, "certificates": [one._asdict() for one in found]})
         return
     words = {"": "", "amended": "amends ", "substituted": "replaces "}
-    print_table(
+    console.print_table(
         ("number", "issued", "sensor", "calibration", "changes", "issued by"),
         [
             (one.number, one.issued, one.sensor, f"#{one.calibration}",

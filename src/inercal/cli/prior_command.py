@@ -7,14 +7,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from inercal.basics.errors import InputError
-from inercal.cli.console import (
-    open_register,
-    print_json,
-    print_line,
-    print_lines,
-    print_table,
-    print_written_files,
-)
+from inercal.cli import console
 from inercal.cli.options import Force, Json, RegisterOption
 from inercal.cli.outputs import TYPE_PRIOR, check_outputs, require_suffix
 
@@ -67,7 +60,7 @@ def run(
     words = coefficients or ()
     chosen: Sequence[Path] | Mapping[str, Calibration] = inputs
     if type_name:
-        with open_register(register, create=False) as opened:
+        with console.open_register(register, create=False) as opened:
             chosen = calibrations_of_type(opened.calibrations(), type_name, words)
     found = type_prior(
         chosen, words, without=without or (), each_axis=each_axis, type_name=type_name or ""
@@ -75,11 +68,11 @@ def run(
     if out is not None:
         found.save(out)
     if json:
-        print_json(found.to_object())
+        console.print_json(found.to_object())
         return
     _print_prior(found)
     if out is not None:
-        print_written_files([out])
+        console.print_written_files([out])
 
 
 def _print_prior(found: "TypePrior") -> None:
@@ -88,7 +81,7 @@ def _print_prior(found: "TypePrior") -> None:
     from inercal.laboratory.type_prior import FALSE_ALARMS
 
     kind = ("sensor", "sensors") if found.count == len(found.sensor) else ("axis", "axes")
-    print_line(
+    console.print_line(
         f"{found.type_name or 'Prior of the type'}: a new {kind[0]}, predicted from "
         f"{format_count(found.count, *kind)}; ± U contains 95 % of new ones"
     )
@@ -99,8 +92,8 @@ def _print_prior(found: "TypePrior") -> None:
         cells = (*(format_number(x, 3) for x in sizes), format_number(one.dof, 2))
         rows.append((one.name, *cells, f"{100 * one.measurement_share:.0f} %", term.unit))
     heads = ("coefficient", ">mean", ">between sensors", ">new sensor", ">U", ">dof")
-    print_table((*heads, ">due to measurement", "unit"), rows)
-    print_lines(
+    console.print_table((*heads, ">due to measurement", "unit"), rows)
+    console.print_lines(
         [
             f"outlying: {one.coefficient} of {one.sensor} (p = {one.p:.1g}). The sensor was used; "
             "check it, or leave it out with --without"
@@ -109,4 +102,4 @@ def _print_prior(found: "TypePrior") -> None:
         or [f"no outlying sensor (a false alarm occurs in {100 * FALSE_ALARMS:g} % of cases)"],
         "· ",
     )
-    print_lines(filter(None, (found.correlations, *found.notes)), "· ")
+    console.print_lines(filter(None, (found.correlations, *found.notes)), "· ")

@@ -15,14 +15,9 @@ from inercal.basics.arrays import Array
 from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_duration, format_quantity, si_factor
+from inercal.noise import channel_noise
 from inercal.noise.channel_model import ChannelSummary, conclude, selection_with_filter
-from inercal.noise.channel_noise import (
-    ChannelNoise,
-    NoiseAnalysis,
-    SensorKind,
-    coefficient_unit,
-    quantity_of,
-)
+from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, SensorKind
 from inercal.noise.coefficients import Method
 from inercal.noise.deviations import Deviations, Spacing, deviations
 from inercal.noise.disturbances import Disturbance, find_disturbances
@@ -93,7 +88,7 @@ def walk_remark(channel: ChannelNoise, other: NoiseFit | None, *, kept: bool) ->
 
 
 def _walk(fit: NoiseFit, quantity: SensorKind) -> str:
-    unit = coefficient_unit("K", quantity)
+    unit = channel_noise.coefficient_unit("K", quantity)
     variance = fit.variance("K")
     return format_quantity(float(np.sqrt(variance)), 0.0, unit, 3) if variance > 0 else "none"
 
@@ -208,7 +203,7 @@ def candidate_models(terms: str | None) -> tuple[str, ...]:
 
 def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptions) -> ChannelNoise:
     name, unit = recording.channels[k], recording.units[k]
-    quantity = quantity_of(unit, name)
+    quantity = channel_noise.quantity_of(unit, name)
     size = si_factor(unit)
     parts = [
         Part(np.ascontiguousarray(values[:, k]) * size, start, warmth)

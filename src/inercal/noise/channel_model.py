@@ -17,19 +17,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.noise import filter_search
 from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient, NoiseRefusal
 from inercal.noise.coefficients import Method, estimate_coefficients, possible_method, undetermined
 from inercal.noise.cross_checks import Estimates
 from inercal.noise.deviations import Deviations
 from inercal.noise.disturbances import Disturbance
 from inercal.noise.drift_regression import DriftFit, find_drift
-from inercal.noise.filter_search import (
-    FilterSearch,
-    apply_filter,
-    band_below,
-    find_filter,
-    settled_filter,
-)
+from inercal.noise.filter_search import FilterSearch
 from inercal.noise.goodness import judge_fit
 from inercal.noise.likelihood import extended, fit_terms
 from inercal.noise.lines import SpectralLine
@@ -133,10 +128,10 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
         return _solve(one, make_bins(one.spectra, one.dt), candidates)
     rounding = rounding_noise(one.step, one.dt)
     fine = make_bins(one.spectra, one.dt, fine=True).strong_bins()
-    search = find_filter(fine, BEFORE_FILTER, rounding)
+    search = filter_search.find_filter(fine, BEFORE_FILTER, rounding)
     suspected = search is not None and search.is_better
     if search is not None and suspected and search.best.is_possible:
-        found = _solve(one, apply_filter(fine, BEFORE_FILTER, search), candidates)
+        found = _solve(one, filter_search.apply_filter(fine, BEFORE_FILTER, search), candidates)
         if _describes(one, found):
             place = _placed(found, search)
             if place is not None:
@@ -149,7 +144,7 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
     suspected = contradictory or (suspected and not one.disturbances)
     if not suspected or not (contradictory or _falls(fine, rounding)):
         return plain  # due to a vibration or disturbance; the test of fit names its band
-    band = band_below(fine, BEFORE_FILTER)
+    band = filter_search.band_below(fine, BEFORE_FILTER)
     if band is not None and _describes(one, found := _solve(one, band, candidates)):
         white = found.selection.fit.variance("N")
         if _white(fine, _UPPER) < _FALLEN * white:
@@ -206,9 +201,9 @@ def selection_with_filter(
     bins = make_bins(spectra, dt, fine=like.fine)
     if like.output is not None:
         bins = bins.strong_bins()
-        search = find_filter(bins, BEFORE_FILTER, rounding_noise(step, dt))
+        search = filter_search.find_filter(bins, BEFORE_FILTER, rounding_noise(step, dt))
         if search is not None and search.is_better:
-            bins = apply_filter(bins, BEFORE_FILTER, search)
+            bins = filter_search.apply_filter(bins, BEFORE_FILTER, search)
     elif like.limit < np.inf:
         bins = bins.below(like.limit)
     return select_terms(bins, candidates)
@@ -228,7 +223,7 @@ def _solve(one: ChannelSummary, bins: Bins, candidates: tuple[str, ...]) -> Nois
 def _placed(found: NoiseModel, search: FilterSearch) -> NoiseModel | None:
     """Return a model with a filter, or its refusal; None if this is a Gauss–Markov process."""
     fit = found.selection.fit
-    output = settled_filter(found.bins, fit)
+    output = filter_search.settled_filter(found.bins, fit)
     assert output is not None
     if not output.shape.has_cutoff:
         return found
@@ -335,7 +330,7 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
             selection, bins, one.octaves, one.quantity, used, one.longest
         )
         remarks = undetermined(selection, one.longest * one.dt)
-    output, band = settled_filter(bins, selection.fit), bins.limit
+    output, band = filter_search.settled_filter(bins, selection.fit), bins.limit
     if band < np.inf:
         # Compare the whole spectrum with the model that was fitted to its lower part.
         bins = make_bins(one.spectra, one.dt, fine=bins.fine)

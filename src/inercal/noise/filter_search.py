@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.noise import output_filter
 from inercal.noise.likelihood import (
     NoiseFit,
     coarse_fit,
@@ -34,13 +35,7 @@ from inercal.noise.likelihood import (
     scored_fit,
 )
 from inercal.noise.numerics import nonnegative_least_squares
-from inercal.noise.output_filter import (
-    LEAST_RELATIVE_U,
-    SHAPES,
-    FilterShape,
-    OutputFilter,
-    mean_power,
-)
+from inercal.noise.output_filter import FilterShape, OutputFilter
 from inercal.noise.spectrum import Bins, FilterEffect
 
 ADDED_RELATIVE_U = 0.01  # of N
@@ -202,7 +197,7 @@ class _Problem:
         self.scale = float(np.log(max(bins.weight.sum(), 2.0)))
 
     def response(self, shape: FilterShape, x: float) -> Array:
-        return mean_power(shape, self.low, self.high, float(np.exp(x)))
+        return output_filter.mean_power(shape, self.low, self.high, float(np.exp(x)))
 
     def columns(self, response: Array, *, floor: bool) -> Array:
         columns = self.base * response[:, None]
@@ -254,7 +249,7 @@ class _Problem:
             if before - value <= _CONVERGED:
                 break
         count = theta.size + shape.has_cutoff
-        penalty = _PENALTY * ((shape is not SHAPES[0]) + floor)
+        penalty = _PENALTY * ((shape is not output_filter.SHAPES[0]) + floor)
         criterion = 2 * value + count * self.scale + penalty
         theta = theta if floor else np.append(theta, 0.0)
         return FilterFit(shape, x, theta, floor, self.known_floor, value, criterion)
@@ -264,7 +259,7 @@ def _starts(shape: FilterShape) -> tuple[float, ...]:
     """Return the start values of f_c Δ; an average has no f_c and gets an arbitrary value."""
     if not shape.has_cutoff:
         return _STARTS[-1:]
-    return (*_LOW_STARTS, *_STARTS) if shape is SHAPES[0] else _STARTS
+    return (*_LOW_STARTS, *_STARTS) if shape is output_filter.SHAPES[0] else _STARTS
 
 
 def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> FilterSearch | None:
@@ -283,7 +278,7 @@ def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> Filte
     _, plain = scored_fit(bins.power, bins.weight, problem.base)
     starts = [
         problem.fit(shape, float(np.log(c)), _START_ROUNDS, floor=False)
-        for shape in SHAPES
+        for shape in output_filter.SHAPES
         for c in _starts(shape)
     ]
     starts.sort(key=lambda one: one.criterion)
@@ -349,7 +344,7 @@ def apply_filter(bins: Bins, symbols: Sequence[str], search: FilterSearch) -> Bi
     output = OutputFilter(
         fit.shape,
         cutoff,
-        max(relative, LEAST_RELATIVE_U) * cutoff,
+        max(relative, output_filter.LEAST_RELATIVE_U) * cutoff,
         bins.dt,
         fit.floor + fit.known_floor,
         fit.known_floor,
@@ -366,7 +361,7 @@ def settled_filter(bins: Bins, fit: NoiseFit) -> OutputFilter | None:
         return None
     output, nuisance = bins.effect.output, fit.nuisance
     if output.shape.has_cutoff:
-        relative = max(float(fit.nuisance_u[0]), LEAST_RELATIVE_U)
+        relative = max(float(fit.nuisance_u[0]), output_filter.LEAST_RELATIVE_U)
         cutoff = output.cutoff * float(np.exp(nuisance[0] - _OFFSET))
         output = replace(output, cutoff=cutoff, u=relative * cutoff)
     if nuisance.size > output.shape.has_cutoff:

@@ -13,6 +13,7 @@ times as the block means of the channel.
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.noise import spectrum
 from inercal.noise.confidence import identify_noise
 from inercal.noise.deviations import (
     ALLAN,
@@ -31,14 +32,7 @@ from inercal.noise.disturbances import (
     samples_per_degree,
 )
 from inercal.noise.recording_checks import check_rounding, rounding_step
-from inercal.noise.spectrum import (
-    LONGEST,
-    Spectrum,
-    block_means,
-    join_long,
-    squared_coefficients,
-    whole_spectrum,
-)
+from inercal.noise.spectrum import Spectrum
 
 KEPT_EVERY = 64
 _MANY = 4  # with this many segments, samples that do not fill a segment are omitted
@@ -60,8 +54,8 @@ class StreamedMeans:
         """Add the next values, (k,), k ≥ 1."""
         if not self.count:
             self._origin = float(y.mean())
-        if self.count < LONGEST:
-            self._first.append(y[: LONGEST - self.count].copy())
+        if self.count < spectrum.LONGEST:
+            self._first.append(y[: spectrum.LONGEST - self.count].copy())
         sums = self._last + np.cumsum(y - self._origin)
         # sums[0] is the cumulative sum number count + 1.
         skip = (-(self.count + 1)) % KEPT_EVERY
@@ -71,10 +65,10 @@ class StreamedMeans:
 
     def means(self) -> Array:
         """Return the values, or the means of at most 2¹⁷ blocks if there are more values."""
-        if self.count <= LONGEST:
+        if self.count <= spectrum.LONGEST:
             return np.concatenate([np.zeros(0), *self._first])
         means = self._origin + np.diff(np.concatenate(self._kept)) / KEPT_EVERY
-        return block_means(means, -(-means.size // LONGEST))
+        return spectrum.block_means(means, -(-means.size // spectrum.LONGEST))
 
 
 class StreamedChannel:
@@ -95,9 +89,9 @@ class StreamedChannel:
         self._squares = np.zeros(_SHORT.size)
         self._terms = np.zeros(_SHORT.size, dtype=np.int64)
         self._kept: list[Array] = [np.zeros(1)]
-        self._segment = np.empty(LONGEST)
+        self._segment = np.empty(spectrum.LONGEST)
         self._filled = 0
-        self._power = np.zeros(LONGEST - 1)
+        self._power = np.zeros(spectrum.LONGEST - 1)
         self._segments = 0
         self._half = max(1, max(2, round(WINDOW / dt)) // 2)
         self._differences = np.zeros(0)
@@ -132,7 +126,7 @@ class StreamedChannel:
 
     def _samples(self) -> Array:
         """Return all samples of the series, or 2¹⁷ samples if the series is longer."""
-        kept = LONGEST if self._segments else self._filled
+        kept = spectrum.LONGEST if self._segments else self._filled
         return self._segment[:kept] + self.origin
 
     @property
@@ -157,12 +151,12 @@ class StreamedChannel:
     def _add_segments(self, y: Array) -> None:
         start = 0
         while start < y.size:
-            take = min(LONGEST - self._filled, y.size - start)
+            take = min(spectrum.LONGEST - self._filled, y.size - start)
             self._segment[self._filled : self._filled + take] = y[start : start + take]
             self._filled += take
             start += take
-            if self._filled == LONGEST:
-                self._power += squared_coefficients(self._segment)
+            if self._filled == spectrum.LONGEST:
+                self._power += spectrum.squared_coefficients(self._segment)
                 self._segments += 1
                 self._filled = 0
 
@@ -208,25 +202,25 @@ class StreamedChannel:
 
     def low_values(self) -> tuple[Array, float]:
         """Return block means of all samples, at most 2¹⁷, and the time Δ between them, s."""
-        if self.count <= LONGEST:
+        if self.count <= spectrum.LONGEST:
             return self._segment[: self._filled], self.dt
         means = np.diff(self.cumulative_sums()) / KEPT_EVERY
-        m = -(-means.size // LONGEST)
-        return block_means(means, m), self.dt * KEPT_EVERY * m
+        m = -(-means.size // spectrum.LONGEST)
+        return spectrum.block_means(means, m), self.dt * KEPT_EVERY * m
 
     def spectra(self) -> tuple[Spectrum, ...]:
         """Return the spectra for low and high frequencies."""
         values, dt = self.low_values()
-        low = whole_spectrum(values, dt)
-        if not self._segments or self.count <= LONGEST:
+        low = spectrum.whole_spectrum(values, dt)
+        if not self._segments or self.count <= spectrum.LONGEST:
             return (low,)
-        found = join_long(low, self._power / self._segments, self._segments, self.dt)
-        if self._segments >= _MANY or self._filled < LONGEST // 8:
+        found = spectrum.join_long(low, self._power / self._segments, self._segments, self.dt)
+        if self._segments >= _MANY or self._filled < spectrum.LONGEST // 8:
             return found
         # If there are few segments, the samples after the last segment are a large share of all
         # samples.
-        rest = squared_coefficients(self._segment[: self._filled])
-        return *found, join_long(low, rest, 1, self.dt)[1]
+        rest = spectrum.squared_coefficients(self._segment[: self._filled])
+        return *found, spectrum.join_long(low, rest, 1, self.dt)[1]
 
     def disturbances(self) -> tuple[Disturbance, ...]:
         """Return steps, knocks and bursts; times of steps and knocks are rounded to 64 samples."""

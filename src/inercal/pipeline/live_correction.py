@@ -23,13 +23,7 @@ from inercal.calibration.validity import temperatures_outside
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS
 from inercal.physics.sensors.inverse import SINGULAR_TEXT
-from inercal.pipeline.correction import (
-    TEMPERATURE_DECIMALS,
-    rate_limits,
-    rates_outside,
-    require_same_corrections,
-    require_same_readout,
-)
+from inercal.pipeline import correction
 from inercal.recordings.data.recording_loader import range_limits
 from inercal.recordings.temperature import TemperatureReadout
 from inercal.runfile import Run, read
@@ -93,9 +87,9 @@ class LiveCorrector:
         self, calibration: Calibration, run: Run | str | Path, *, extrapolate: bool = False
     ):
         run = run if isinstance(run, Run) else read(run)
-        require_same_readout(calibration, run)
+        correction.require_same_readout(calibration, run)
         self.run = run = run.with_all_axes
-        require_same_corrections(calibration, "", str(run.path), run)
+        correction.require_same_corrections(calibration, "", str(run.path), run)
         self._calibration, self._extrapolate = calibration, extrapolate
         sensor = self._sensor = calibration.sensor
         self.channels = run.sensor.channels
@@ -106,7 +100,7 @@ class LiveCorrector:
         limits = range_limits(run.sensor)
         ends = [limits.get(name, (-np.inf, np.inf)) for name in self.channels]
         self._ends = np.array(ends).reshape(-1, 2).T if limits else None
-        self._rate_limits = rate_limits(calibration)
+        self._rate_limits = correction.rate_limits(calibration)
         self._gyros = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
         self._kinds = tuple(dict.fromkeys(sensor.sensed.measures))
         redundant = [
@@ -178,7 +172,7 @@ class LiveCorrector:
         values = self._values(y, kelvin)[:n]
         q = len(self._sensor.sensed.names)
         if self._rate_limits is not None:
-            beyond = rates_outside(self._rate_limits, y[:n, self._gyros])
+            beyond = correction.rates_outside(self._rate_limits, y[:n, self._gyros])
             flags |= _flagged(beyond, SampleFlag.RATE)
         if self._affine is None:
             missing = np.asarray(np.isnan(values[:, :q]).any(axis=1))
@@ -213,7 +207,7 @@ class LiveCorrector:
             parity += [values[:, None] for values in motion.parity.values()]
         if kelvin is not None and self.run.data.temperature is not None:
             thermometer: TemperatureReadout = self.run.data.thermometer
-            own = np.round(thermometer.values(kelvin), TEMPERATURE_DECIMALS)
+            own = np.round(thermometer.values(kelvin), correction.TEMPERATURE_DECIMALS)
             columns.append(np.asarray(own, np.float64)[:, None])
         return columns[0] if len(columns) == 1 and not parity else np.hstack([*columns, *parity])
 

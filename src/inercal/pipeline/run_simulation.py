@@ -21,13 +21,7 @@ from inercal.pipeline.chamber_simulation import (
     steps_of_soaks,
 )
 from inercal.recordings import Recording
-from inercal.recordings.data.recording_loader import (
-    apply_axis_signs,
-    range_limits,
-    readback_columns,
-    readback_units,
-    reader_columns,
-)
+from inercal.recordings.data import recording_loader
 from inercal.recordings.io.section_files import is_pattern
 from inercal.recordings.io.simulation_mark import SIMULATION_OF
 from inercal.runfile import Run, read
@@ -129,7 +123,7 @@ def _simulate_run(
         done, temperature = chamber.simulated_motion, chamber.recorded
         scatter = repeatability_errors(environment, sensor, done.labels, several, rng)
         drift = scatter if drift is None else drift[..., chamber.order, :] + scatter
-    columns = readback_columns(run)
+    columns = recording_loader.readback_columns(run)
     readback = {
         name: values[0] if values.ndim > 1 and not trials else values
         for name, values in done.readback.items()
@@ -193,18 +187,18 @@ def apply_data_columns(run: Run, recording: Recording) -> Recording:
             raise key_error(
                 f"[data] {key}", f"a simulation writes one file; remove {key}", run.path
             )
-    named = {axis: column for axis, column, _ in reader_columns(run).channels}
-    recording = apply_axis_signs(run, recording)
+    named = {axis: column for axis, column, _ in recording_loader.reader_columns(run).channels}
+    recording = recording_loader.apply_axis_signs(run, recording)
     readback = {
-        column: recording.readback[name] / readback_units(run)[name]
-        for name, column, _ in reader_columns(run).readback
+        column: recording.readback[name] / recording_loader.readback_units(run)[name]
+        for name, column, _ in recording_loader.reader_columns(run).readback
     }
     if recording.temperature is not None:
         own = run.data.thermometer.values(recording.temperature)
         readback = {str(run.data.temperature): own, **readback}
         recording = replace(recording, temperature=None)
     channels = tuple(named[name] for name in recording.channels)
-    label = reader_columns(run).label or recording.label_name
+    label = recording_loader.reader_columns(run).label or recording.label_name
     return _apply_data_times(
         run, replace(recording, channels=channels, readback=readback, label_name=label)
     )
@@ -256,7 +250,7 @@ def read_out(
     output = sensor.to_output(reading)
     for k, axis in enumerate(sensor.axes):
         output[..., k] = _round_to_codes(axis, output[..., k])
-    for name, ends in range_limits(sensor).items():
+    for name, ends in recording_loader.range_limits(sensor).items():
         k = sensor.channels.index(name)
         output[..., k] = np.clip(output[..., k], *ends)
     return output

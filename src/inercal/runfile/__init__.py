@@ -21,6 +21,7 @@ from inercal.benches.qualification import UsedQualifications
 from inercal.methods import method
 from inercal.physics.plan import Turn
 from inercal.physics.sensors import Sensor
+from inercal.runfile import method_section, section_checks
 from inercal.runfile.environment_section import (
     require_free_order,
     stated_environment,
@@ -28,26 +29,8 @@ from inercal.runfile.environment_section import (
 )
 from inercal.runfile.filter_keys import with_filter_keys
 from inercal.runfile.job import job_texts
-from inercal.runfile.method_section import (
-    nominal_plan,
-    require_frame,
-    search_options,
-    stated_also,
-    stated_plan_keys,
-)
 from inercal.runfile.run import Run, check_validity, qualified_bench, with_qualifications
 from inercal.runfile.schema import RunSchema, reader_options, schema_for_kind
-from inercal.runfile.section_checks import (
-    assumed_units,
-    check_stated_gravity,
-    require_magnetometer_method,
-    require_no_field_priors,
-    require_time_offset,
-    require_used_keys,
-    sampling_rate,
-    split_magnetometer,
-    stated_check_standard,
-)
 from inercal.runfile.sensor_builder import build_sensor, coefficient_value
 from inercal.runfile.specification_section import stated_specification
 from inercal.runfile.validation_errors import schema_error, unknown_kind_error
@@ -147,16 +130,16 @@ def _build_run(
 
     chosen = method(schema.method.name)
     bench = qualified_bench(kind.build(schema.bench, path.parent), used)
-    require_magnetometer_method(schema.sensor, chosen)
+    section_checks.require_magnetometer_method(schema.sensor, chosen)
     full_sensor = build_sensor(schema.sensor, schema.data, kind.sensor)
     possible = chosen.possible(full_sensor)
     ordered = terms_of_order(schema.method.temperature_order, full_sensor, possible)
-    stated_terms = stated_also(schema.method, chosen)
+    stated_terms = method_section.stated_also(schema.method, chosen)
     require_free_order(schema.method.temperature_order, stated_terms, ordered)
     also = (*stated_terms, *ordered)
     whole = chosen.prepare(full_sensor, schema.method.coefficients, also)
-    sensor, magnetometer = split_magnetometer(whole)
-    require_no_field_priors(schema.method, magnetometer)
+    sensor, magnetometer = section_checks.split_magnetometer(whole)
+    section_checks.require_no_field_priors(schema.method, magnetometer)
     if not isinstance(bench, chosen.bench):
         needed = kind_name_for_class(chosen.bench)
         raise InputError(
@@ -166,23 +149,23 @@ def _build_run(
             names=(needed, kind.name),
         )
     schema.data.readback(bench)  # checks the units before any file is read
-    stated = stated_plan_keys(schema.method)
-    plan = kind.plan(stated, bench, path.parent, nominal_plan(chosen, schema.method))
+    stated = method_section.stated_plan_keys(schema.method)
+    plan = kind.plan(stated, bench, path.parent, method_section.nominal_plan(chosen, schema.method))
     turns = () if chosen.unknown_attitudes or Turn not in kind.steps else chosen.plan()
-    require_used_keys(schema, chosen, turns, used.keys)
+    section_checks.require_used_keys(schema, chosen, turns, used.keys)
     chosen.estimator(schema.method.estimator)
     estimator = schema.method.estimator or next(iter(chosen.estimators))
-    require_frame(schema.sensor.frame, chosen, estimator)
+    method_section.require_frame(schema.sensor.frame, chosen, estimator)
     priors = method_priors(schema.method, path.parent, sensor)
     truth = {
         name: _true_value(full_sensor, name, text) for name, text in schema.sensor.truth.items()
     }
     # A run file may state true values for gyros even if its method does not calibrate them.
     truth = {name: c for name, c in truth.items() if CoefficientName(name).axis in whole.channels}
-    require_time_offset(schema.method, chosen, sensor)
-    rate = sampling_rate(schema.data)
+    section_checks.require_time_offset(schema.method, chosen, sensor)
+    rate = section_checks.sampling_rate(schema.data)
     job, overdue = job_texts(schema.job, path.parent)
-    check, doubts = stated_check_standard(schema.bench, schema.job, path.parent)
+    check, doubts = section_checks.stated_check_standard(schema.bench, schema.job, path.parent)
     chosen, config = with_filter_keys(schema, chosen, estimator, sensor, rate)
     frame = "symmetric" if sensor.frame == "symmetric" else chosen.frame(bench)
     return Run(
@@ -200,11 +183,11 @@ def _build_run(
         rate_hz=rate,
         time_offset=schema.method.time_offset,
         has_plan_keys=bool(stated),
-        search=search_options(schema.method, chosen, estimator),
+        search=method_section.search_options(schema.method, chosen, estimator),
         filter=config,
         bench_name=schema.bench.name,
-        findings=assumed_units(schema.sensor)
-        + check_stated_gravity(schema.bench)
+        findings=section_checks.assumed_units(schema.sensor)
+        + section_checks.check_stated_gravity(schema.bench)
         + overdue
         + check_validity(used, schema.job)
         + doubts,

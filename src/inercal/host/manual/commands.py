@@ -27,15 +27,8 @@ from typing import Any, Literal, NamedTuple
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.host import sequencer
-from inercal.host.drivers.rotary_table import (
-    REST_RATE,
-    AxisLimits,
-    AxisState,
-    Feature,
-    TableFault,
-    TableState,
-    axis_index,
-)
+from inercal.host.drivers import rotary_table
+from inercal.host.drivers.rotary_table import AxisLimits, AxisState, Feature, TableFault, TableState
 
 _MAX_NAME = 40  # largest number of characters in the name of an axis
 _MAX_NUMBER = 1e6  # ° and °/s
@@ -277,7 +270,7 @@ class CommandCheck:
         TableFault
             The axis has a fault, or its servo is off.
         """
-        i = axis_index(command.axis, self.axes)
+        i = rotary_table.axis_index(command.axis, self.axes)
         axis, limits, task = state.axes[i], self.limits[i], tasks[i]
         match command:
             case ServoCommand(on=True):
@@ -286,7 +279,7 @@ class CommandCheck:
                 return sequencer.EnableCommand(i), None
             case ServoCommand():
                 self._require_supported("servo")
-                if task.activity != "idle" or abs(axis.rate) > REST_RATE:
+                if task.activity != "idle" or abs(axis.rate) > rotary_table.REST_RATE:
                     raise InputError("the axis is moving; stop it first")
                 return sequencer.DisableCommand(i), None
             case HomeAxisCommand():

@@ -17,17 +17,9 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
+from inercal.pipeline.drafts import readouts
 from inercal.pipeline.drafts.column_names import time_unit
 from inercal.pipeline.drafts.quiet_sections import find_quiet_sections, rest_means
-from inercal.pipeline.drafts.readouts import (
-    FEWEST_COUNTS,
-    axis_changes,
-    gravity_unit,
-    gyro_scale,
-    norm_misfit,
-    off_sphere,
-    turns_of_readings,
-)
 from inercal.recordings import Indices
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.mean_tables import number_column
@@ -142,9 +134,9 @@ def accelerometers_by_values(table: Table, names: Sequence[str]) -> tuple[str, .
         means = rest_means(_quiet(data), data, None).force
         if len(means) < _FEWEST_RESTS or np.ptp(means, axis=0).max() <= _SPREAD * _reach(data):
             continue
-        misfit = norm_misfit(means)
+        misfit = readouts.norm_misfit(means)
         if misfit < _MOST_MISFIT:
-            found.append((misfit, triple, off_sphere(means, data) - misfit))
+            found.append((misfit, triple, readouts.off_sphere(means, data) - misfit))
     best = min((misfit for misfit, _, _ in found), default=0.0)
     found = [one for one in found if one[0] <= max(_AS_GOOD * best, _GOOD)]
     found = [one for one in found if _reads_gravity(table.stack(one[1]))] or found
@@ -154,7 +146,7 @@ def accelerometers_by_values(table: Table, names: Sequence[str]) -> tuple[str, .
 
 def _reads_gravity(data: Array) -> bool:
     """Return whether the typical norm of readings is that of gravity in a usual unit."""
-    return gravity_unit(float(np.nanmedian(np.linalg.norm(data, axis=1)))) is not None
+    return readouts.gravity_unit(float(np.nanmedian(np.linalg.norm(data, axis=1)))) is not None
 
 
 def gyros_by_values(
@@ -179,7 +171,7 @@ def gyros_by_values(
         if not reach or np.ptp(rests.rate, axis=0).max() > _SPREAD * reach:
             continue
         moved.append((_motion(data, spans), triple))
-        size, _, misfit = gyro_scale(rests, data, 0.0)
+        size, _, misfit = readouts.gyro_scale(rests, data, 0.0)
         if size is not None:
             found.append((misfit, triple))
     if found or need_turns:
@@ -198,11 +190,11 @@ def reason_without_gyros(table: Table, names: Sequence[str], accelerometers: Seq
             continue
         data = table.stack(triple)
         spans = _quiet(np.hstack([force, data]))
-        turns = turns_of_readings(rest_means(spans, force, data), data, 0.0)
+        turns = readouts.turns_of_readings(rest_means(spans, force, data), data, 0.0)
         if turns is None:
             continue
         columns: dict[str, str] = dict(zip(_NAMES, (*accelerometers, *triple), strict=True))
-        changes = [name_columns(one, columns) for one in axis_changes(turns)]
+        changes = [name_columns(one, columns) for one in readouts.axis_changes(turns)]
         first, last = triple[0], triple[-1]
         text = (
             f"{first} to {last} look like gyros, but disagree with gravity in "
@@ -248,10 +240,10 @@ def _still_triads(
 ) -> dict[str, tuple[str, ...]]:
     """Tell the triads of a sensor that did not move apart by gravity; {} if they may be others."""
     norms = [float(np.linalg.norm(np.median(table.stack(one), axis=0))) for one in triples]
-    gravity = [gravity_unit(norm) is not None for norm in norms]
+    gravity = [readouts.gravity_unit(norm) is not None for norm in norms]
     # Counts have no size of their own, and a triad that reads 1 may be gyros biased by 1 °/s.
     if len(triples) == 1:
-        clear = norms[0] > _LARGEST_G if gravity[0] else norms[0] < FEWEST_COUNTS
+        clear = norms[0] > _LARGEST_G if gravity[0] else norms[0] < readouts.FEWEST_COUNTS
     else:
         clear = gravity.count(True) == 1
     if not clear:
