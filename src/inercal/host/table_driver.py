@@ -26,7 +26,14 @@ from typing import Literal
 from inercal.basics.units import format_duration
 from inercal.host import sequencer
 from inercal.host.clock import Clock
-from inercal.host.drivers import rotary_table
+from inercal.host.drivers.rotary_table import (
+    REST_RATE,
+    AxisState,
+    ProtocolError,
+    RotaryTable,
+    TableFault,
+    TableState,
+)
 from inercal.host.guard import Guard
 from inercal.host.link import LinkLost
 
@@ -97,7 +104,7 @@ class CommandedMotion:
             case _:
                 self._axes = [_Axis("stop") for _ in self._axes]
 
-    def check(self, state: rotary_table.TableState, *, hands_on: bool = False) -> str | None:
+    def check(self, state: TableState, *, hands_on: bool = False) -> str | None:
         """Describe motion that was not commanded; None if there is none.
 
         Parameters
@@ -124,7 +131,7 @@ class CommandedMotion:
                 )
         return found
 
-    def _follow(self, told: _Axis, axis: rotary_table.AxisState, time: float) -> None:
+    def _follow(self, told: _Axis, axis: AxisState, time: float) -> None:
         """Record that an axis has come to rest, if its command ends at rest."""
         assert told.since is not None
         if told.does in ("rest", "spin") or time - told.since < _STARTING_TIME:
@@ -138,7 +145,7 @@ class CommandedMotion:
             told.does, told.goal = "rest", axis.angle
 
     def _uncommanded(
-        self, told: _Axis, axis: rotary_table.AxisState, time: float, *, hands_on: bool
+        self, told: _Axis, axis: AxisState, time: float, *, hands_on: bool
     ) -> str | None:
         assert told.since is not None
         since, turns = time - told.since, f"turns at {degrees(axis.rate):.3g} °/s"
@@ -153,7 +160,7 @@ class CommandedMotion:
         if since < _STARTING_TIME + braking + (_GRACE if told.does == "spin" else 0.0):
             return None
         commanded, left = abs(told.rate), told.goal - axis.angle
-        if abs(axis.rate) > _RATE_MARGIN * commanded + rotary_table.REST_RATE:
+        if abs(axis.rate) > _RATE_MARGIN * commanded + REST_RATE:
             return f"{turns} instead of {degrees(told.rate):.3g} °/s as commanded"
         if told.does == "spin":
             back = axis.rate * told.rate < 0
@@ -164,8 +171,8 @@ class CommandedMotion:
         return None
 
 
-def _turns(axis: rotary_table.AxisState) -> bool:
-    return abs(axis.rate) > 2 * rotary_table.REST_RATE
+def _turns(axis: AxisState) -> bool:
+    return abs(axis.rate) > 2 * REST_RATE
 
 
 # Time limit for a reply from a real table, s. Replies take milliseconds. A later reply is not used,
@@ -204,12 +211,12 @@ class TableDriver:
 
     def __init__(
         self,
-        table: rotary_table.RotaryTable,
+        table: RotaryTable,
         guard: Guard,
         now: Callable[[], float],
         say: Callable[[Literal["warning", "alarm"], str], None],
     ):
-        self.state: rotary_table.TableState | None = None
+        self.state: TableState | None = None
         self.at_rest = True
         self._table, self._guard, self._now, self._say = table, guard, now, say
         self._commanded, self._failed_readings = False, 0
@@ -218,7 +225,7 @@ class TableDriver:
         self._commanded_motion = CommandedMotion(table.axes)
         self._last_reading, self._stopped_blind, self._may_turn = monotonic(), False, False
 
-    def read(self) -> tuple[float, rotary_table.TableState] | None:
+    def read(self) -> tuple[float, TableState] | None:
         """Read the table, and return the run time and its state; None if the reading failed.
 
         If the table may be moving and could not be read for `_BLIND_LIMIT`, both the host and the
@@ -233,7 +240,7 @@ class TableDriver:
         requested = self._now()
         try:
             state = self._table.read()
-        except (rotary_table.ProtocolError, LinkLost) as error:
+        except (ProtocolError, LinkLost) as error:
             # A short stall of the machine or the network does no harm, because the driver
             # reconnects.
             self._failed_readings += 1
@@ -272,7 +279,7 @@ class TableDriver:
         try:
             self._table.stop()
             answer = "the table answered the stop"
-        except (rotary_table.TableFault, rotary_table.ProtocolError) as error:
+        except (TableFault, ProtocolError) as error:
             answer = f"a stop was sent to the table, but it did not answer ({error})"
         except LinkLost as error:
             answer = f"no stop could be sent to the table ({error})"
@@ -318,15 +325,13 @@ class TableDriver:
         state = None if self.at_rest else self.state
         for name, axis in zip(self._table.axes, state.axes if state else (), strict=False):
             if axis.enabled and axis.moving:
-                raise rotary_table.TableFault(
+                raise TableFault(
                     f"axis {name} turns at {degrees(axis.rate):.3g} °/s before this run has "
                     "commanded anything: another program commands the table; end it first",
                     names=(name,),
                 )
 
-    def check_commanded(
-        self, state: rotary_table.TableState, *, hands_on: bool = False
-    ) -> str | None:
+    def check_commanded(self, state: TableState, *, hands_on: bool = False) -> str | None:
         """Describe motion that this program has not commanded; None if there is none.
 
         `hands_on` means that an operator is working at the table.
@@ -345,7 +350,7 @@ class TableDriver:
             return
         try:
             self.send(commands)
-        except (rotary_table.TableFault, rotary_table.ProtocolError, LinkLost) as error:
+        except (TableFault, ProtocolError, LinkLost) as error:
             told = self._guard.stop()
             does = "now stops the table" if told else "is gone too: cut the table's power"
             self._say("alarm", f"{error}; the watchdog {does}")
@@ -357,9 +362,9 @@ class TableDriver:
         words = "the servos are switched off; a moving axis coasts to a stop"
         try:
             self._table.kill(coasting=True)
-        except rotary_table.TableFault as error:
+        except TableFault as error:
             words = str(error)
-        except (rotary_table.ProtocolError, LinkLost) as error:
+        except (ProtocolError, LinkLost) as error:
             self._say("alarm", f"{error}; the servos could not be switched off yet")
             return  # the caller will try again
         self._servos_off = True

@@ -19,7 +19,16 @@ from math import degrees, nan, radians
 from typing import TYPE_CHECKING
 
 from inercal.basics.closeable import on_failure
-from inercal.host.drivers import rotary_table
+from inercal.host.drivers.rotary_table import (
+    AxisLimits,
+    AxisState,
+    ProtocolError,
+    RotaryTable,
+    TableFault,
+    TableState,
+    require_unique_names,
+    stop_with_retry,
+)
 from inercal.host.drivers.table_address import Driver, TableAddress
 from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.link import Link, open_link
@@ -43,7 +52,7 @@ class AcutrolAxis:
     number: int
 
 
-class Acutrol(rotary_table.RotaryTable):
+class Acutrol(RotaryTable):
     """A `RotaryTable` with an ACUTROL3000 controller.
 
     Parameters
@@ -68,7 +77,7 @@ class Acutrol(rotary_table.RotaryTable):
         self._axes = tuple(axes)
         self.axes = tuple(a.name for a in self._axes)
         self.unsupported = {"home": _NO_HOMING}
-        rotary_table.require_unique_names(self.axes)
+        require_unique_names(self.axes)
         # The last commanded angle or rate of each axis.
         self._goals = [(nan, 0.0)] * len(self._axes)
         self._dialogue = TextDialogue(address, b"\n", timeout, opener)
@@ -117,30 +126,30 @@ class Acutrol(rotary_table.RotaryTable):
         # A single line is sent, so a problem with one axis does not prevent the others from
         # stopping.
         lines = [line for i in range(len(self._axes)) for line in self._rest_commands(i)]
-        rotary_table.stop_with_retry(lambda: self._send(*lines, urgent=True))
+        stop_with_retry(lambda: self._send(*lines, urgent=True))
 
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
         """Open the interlock of an axis, or of all axes; see `RotaryTable.kill`."""
         chosen = self.indices(axis)
         if not coasting and any(self.read().axes[i].moving for i in chosen):
-            raise rotary_table.TableFault(
+            raise TableFault(
                 f"{self._dialogue.address}: an axis turns and would coast if killed; call stop() "
                 "first, then kill(), or kill(coasting=True) if stopping failed"
             )
         self._send(*(f":interlock:open {self._axes[i].number}" for i in chosen))
 
-    def read(self) -> rotary_table.TableState:
+    def read(self) -> TableState:
         """Return the present state of the table, without a time."""
         parts = [
             f":read:pos? {n};rate? {n};:interlock? {n}" for n in (a.number for a in self._axes)
         ]
         said = self._dialogue.ask((";".join(parts) + "\n").encode()).split(";")
         if len(said) != 3 * len(parts):
-            raise rotary_table.ProtocolError(
+            raise ProtocolError(
                 f"{self._dialogue.address}: expected {3 * len(parts)} values as position, rate and "
                 f"interlock of the axes, but the controller replied {said!r}; check its remote mode"
             )
-        return rotary_table.TableState(
+        return TableState(
             nan, tuple(self._state(i, said[3 * i : 3 * i + 3]) for i in range(len(self._axes)))
         )
 
@@ -148,12 +157,12 @@ class Acutrol(rotary_table.RotaryTable):
         """Close the connection; the table continues its motion."""
         self._dialogue.close()
 
-    def _state(self, i: int, said: list[str]) -> rotary_table.AxisState:
+    def _state(self, i: int, said: list[str]) -> AxisState:
         angle, rate = radians(_number(said[0])), radians(_number(said[1]))
         interlock = said[2].strip().lower()
         goal, spinning = self._goals[i]
         resting = abs(rate) <= _REST_RATE and spinning == 0
-        return rotary_table.AxisState(
+        return AxisState(
             angle=angle,
             rate=rate,
             following_error=nan,
@@ -171,27 +180,27 @@ class Acutrol(rotary_table.RotaryTable):
         self._goals[i] = (nan, 0.0)
         return f":demand:rate {n},0", f":mode:rate {n}"
 
-    def _read_limits(self, n: int) -> rotary_table.AxisLimits:
+    def _read_limits(self, n: int) -> AxisLimits:
         said = self._dialogue.ask(f":limit:absolute? {n}\n".encode()).split(",")
         if len(said) != 6:
-            raise rotary_table.ProtocolError(
+            raise ProtocolError(
                 f"{self._dialogue.address}: expected the six limits of axis {n}, but the "
                 f"controller replied {said!r}; check its remote mode"
             )
         rate, acceleration, _, low, high, _ = (radians(_number(text)) for text in said)
-        return rotary_table.AxisLimits(rate, acceleration, low, high)
+        return AxisLimits(rate, acceleration, low, high)
 
     def _send(self, *commands: str, urgent: bool = False) -> None:
         """Send commands in one line; raises `TableFault` if the status reports a fault."""
         line = ";".join(commands)
         status = int(_number(self._dialogue.ask(f"{line};*stb?\n".encode(), urgent=urgent)))
         if status & 1:
-            raise rotary_table.TableFault(
+            raise TableFault(
                 f"{self._dialogue.address}: interlock fault after {line!r}; remove its cause, "
                 "then call enable() to reset it"
             )
         if status & 4:
-            raise rotary_table.TableFault(
+            raise TableFault(
                 f"{self._dialogue.address}: the controller refused {line!r}; check its remote mode "
                 "and the limits of the axis"
             )
@@ -199,7 +208,7 @@ class Acutrol(rotary_table.RotaryTable):
 
 def _number(text: str) -> float:
     if not _NUMBER.fullmatch(text.strip()):
-        raise rotary_table.ProtocolError(
+        raise ProtocolError(
             f"the ACUTROL replied {text[:40]!r} where a number was expected; check its remote mode"
         )
     return float(text)
@@ -209,9 +218,7 @@ def _degrees(value: float) -> str:
     return f"{degrees(value):.7f}"
 
 
-def _open(
-    address: TableAddress, bench: "ControlledBench | None", timeout: float
-) -> rotary_table.RotaryTable:
+def _open(address: TableAddress, bench: "ControlledBench | None", timeout: float) -> RotaryTable:
     numbers = address.axis_numbers("axes", 9)
     names = address.axis_names("axes", numbers, bench)
     axes = [AcutrolAxis(*axis) for axis in zip(names, numbers, strict=True)]
