@@ -3,8 +3,14 @@
 from math import inf, isinf, sqrt
 from typing import Any
 
-from inercal.basics import units
 from inercal.basics.documents import record_object
+from inercal.basics.units import (
+    format_duration,
+    format_interval,
+    format_number,
+    format_quantity,
+    format_value_and_uncertainty,
+)
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, NoiseCoefficient
 from inercal.noise.coefficients import length_for
@@ -117,17 +123,17 @@ def coefficient_cells(one: NoiseCoefficient) -> tuple[str, ...]:
     if one.is_limit:
         return (
             name,
-            f"< {units.format_number(one.high / size, 3)}",
+            f"< {format_number(one.high / size, 3)}",
             "",
-            f"0 … {units.format_number(one.high / size, 3)}",
+            f"0 … {format_number(one.high / size, 3)}",
             one.unit,
             "no",
         )
     if one.symbol == "T" and isinf(one.u):
         sign = ">" if isinf(one.high) else "<"
-        return name, f"{sign} {units.format_number(one.value / size, 3)}", "", "", one.unit, ""
-    value, spread = units.format_value_and_uncertainty(one.value / size, COVERAGE * one.u / size)
-    ends = units.format_interval(one.value / size, one.low / size, one.high / size)
+        return name, f"{sign} {format_number(one.value / size, 3)}", "", "", one.unit, ""
+    value, spread = format_value_and_uncertainty(one.value / size, COVERAGE * one.u / size)
+    ends = format_interval(one.value / size, one.low / size, one.high / size)
     tested = {True: "yes", False: "no", None: "" if one.symbol == "T" else "open"}[
         one.is_significant
     ]
@@ -145,12 +151,12 @@ def channel_remarks(channel: ChannelNoise) -> list[str]:
     shown = SHOWN_UNIT[channel.quantity]
     for one in channel.drift:
         per = {"ramp": "s", "temperature": "K", "temperature rate": "(K/s)"}[one.name]
-        size = units.format_quantity(one.value, COVERAGE * one.u, f"{shown}/{per}")
+        size = format_quantity(one.value, COVERAGE * one.u, f"{shown}/{per}")
         found.append(f"drift, {one.name}: {size} (k = 2), included in the fit")
     for line in channel.lines:
         found.append(
-            f"line at {units.format_quantity(line.frequency, 0.0, 'Hz', 4)} with amplitude "
-            f"{units.format_quantity(line.amplitude, 0.0, shown, 3)}, removed before the fit"
+            f"line at {format_quantity(line.frequency, 0.0, 'Hz', 4)} with amplitude "
+            f"{format_quantity(line.amplitude, 0.0, shown, 3)}, removed before the fit"
         )
     found += [disturbance_text(one, channel.quantity) for one in channel.disturbances]
     if lengths := recording_lengths(channel):
@@ -163,8 +169,8 @@ def allan_minimum_text(channel: ChannelNoise) -> str:
     one = channel.oadev
     k = one.lowest
     shown = SHOWN_UNIT[channel.quantity]
-    size = units.format_quantity(float(one.value[k]), 0.0, shown, 3)
-    return f"smallest Allan deviation: {size} at {units.format_duration(float(one.tau[k]))}"
+    size = format_quantity(float(one.value[k]), 0.0, shown, 3)
+    return f"smallest Allan deviation: {size} at {format_duration(float(one.tau[k]))}"
 
 
 def movement_text(movement: str, source: str) -> str:
@@ -184,7 +190,7 @@ def recording_lengths(channel: ChannelNoise) -> list[str]:
             seconds = length_for(
                 channel.fit.as_variances, channel.dt, symbol, relative, channel.fit.markov_time
             )
-            text = "over 30 years" if seconds == inf else units.format_duration(seconds, 2)
+            text = "over 30 years" if seconds == inf else format_duration(seconds, 2)
             found.append(f"u({symbol}) = {100 * relative:g} %: {text}")
     return found
 
@@ -192,14 +198,14 @@ def recording_lengths(channel: ChannelNoise) -> list[str]:
 def disturbance_text(one: Disturbance, quantity: SensorKind) -> str:
     """Return the kind, time, duration and size of a disturbance, as text."""
     shown = SHOWN_UNIT[quantity]
-    size = units.format_quantity(one.size, 0.0, shown, 3)
+    size = format_quantity(one.size, 0.0, shown, 3)
     if one.kind == "burst":
         return (
-            f"burst at {one.time:.1f} s, {units.format_duration(one.seconds)} long, "
-            f"{units.format_number(one.size, 2)} times the usual scatter"
+            f"burst at {one.time:.1f} s, {format_duration(one.seconds)} long, "
+            f"{format_number(one.size, 2)} times the usual scatter"
         )
     if one.kind == "knock":
-        return f"knock at {one.time:.1f} s, {units.format_duration(one.seconds)} long, of {size}"
+        return f"knock at {one.time:.1f} s, {format_duration(one.seconds)} long, of {size}"
     return f"step at {one.time:.1f} s of {size}"
 
 
@@ -227,7 +233,7 @@ def filter_rows(channel: ChannelNoise) -> list[tuple[str, ...]]:
         return []
     cutoff = ("", "")
     if output.shape.has_cutoff:
-        cutoff = units.format_value_and_uncertainty(output.cutoff, COVERAGE * output.u)
+        cutoff = format_value_and_uncertainty(output.cutoff, COVERAGE * output.u)
     return [
         (channel.channel, output.shape.like, *cutoff, f"{output.at_half_rate:.2g}",
          f"{output.gain:.0f}")
@@ -250,7 +256,7 @@ def filter_words(output: OutputFilter) -> str:
     """Return shape and cut-off of a filter, with U (k = 2): "one pole, 20.0 ± 0.4 Hz"."""
     if not output.shape.has_cutoff:
         return output.shape.like
-    value, spread = units.format_value_and_uncertainty(output.cutoff, COVERAGE * output.u)
+    value, spread = format_value_and_uncertainty(output.cutoff, COVERAGE * output.u)
     if output.at_half_rate < _HALF_POWER:
         return f"{output.shape.like}, {value} ± {spread} Hz"
     half = f"the power at half the sampling rate is {output.at_half_rate:.2g}"

@@ -19,11 +19,26 @@ from inercal.methods import Fit
 from inercal.methods.solving import prepared
 from inercal.methods.temperature import temperature_coefficients
 from inercal.physics.sensors import Sensor
-from inercal.pipeline import calibration_record, stated_values
 from inercal.pipeline.added_coefficients import with_added_coefficients
 from inercal.pipeline.advisor import RunAdvisor, changed_run
+from inercal.pipeline.calibration_record import (
+    bench_estimates,
+    prior_of_type,
+    provenance,
+    run_conditions,
+    shared_errors,
+    validity,
+)
 from inercal.pipeline.outcome import FittedRun, Outcome
 from inercal.pipeline.stated_noise import stated_noise_findings
+from inercal.pipeline.stated_values import (
+    constant_notes,
+    find_assumed_constants,
+    gravity_notes,
+    qualification_conditions,
+    require_small_assumed_share,
+    uncounted_notes,
+)
 from inercal.pipeline.temperature_fit import (
     TemperatureFit,
     fit_over_temperatures,
@@ -60,7 +75,7 @@ def observed(run: Run) -> ObservedRun:
     stated = run
     try:
         inputs = run.kind.observe(run)
-        of_type = calibration_record.prior_of_type(run, inputs)
+        of_type = prior_of_type(run, inputs)
         inputs = replace(inputs, conditions={**inputs.conditions, **of_type})
         return ObservedRun(stated, *fit_over_temperatures(run, inputs), of_type)
     except (InputError, NotObserved) as error:
@@ -138,13 +153,13 @@ def _fitted(
             key="[method] estimator",
         )
     p = len(sensor.coefficients)
-    assumed = stated_values.find_assumed_constants(expected)
+    assumed = find_assumed_constants(expected)
 
     def solve(other: Bench) -> Estimate:
         return run.solver()(observations, solver_sensor, other, inputs.plan, run.priors)
 
     try:
-        stated_values.require_small_assumed_share(assumed, estimate, p, bench, solve)
+        require_small_assumed_share(assumed, estimate, p, bench, solve)
     except InputError as error:
         raise error.located(run.path) from None
     weighs_gravity = bool(sensor.select_axes("f").coefficients)
@@ -157,9 +172,9 @@ def _fitted(
             *observations.notes,
             *estimate.notes,
             *(() if thermal is None else thermal.notes),
-            *stated_values.gravity_notes(bench, sensor, estimate),
-            *stated_values.constant_notes(bench, assumed),
-            *stated_values.uncounted_notes(run, estimate, expected),
+            *gravity_notes(bench, sensor, estimate),
+            *constant_notes(bench, assumed),
+            *uncounted_notes(run, estimate, expected),
             *(one.message for one in run.findings if one.what == "height" and weighs_gravity),
         ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
@@ -227,10 +242,10 @@ def calibrate_run(
     _, run, inputs, thermal, bench, expected, estimate, findings, remarks, generations = fitted
     sensor, observations = run.whole_sensor, inputs.observations
     p = len(sensor.coefficients)
-    conditions = {**calibration_record.run_conditions(run, inputs), **remarks.conditions}
+    conditions = {**run_conditions(run, inputs), **remarks.conditions}
     if run.bench_name:
         conditions["bench"] = run.bench_name
-    conditions |= stated_values.qualification_conditions(run)
+    conditions |= qualification_conditions(run)
     if run.check_standard:
         conditions[CHECK_STANDARD] = run.check_standard
     possible, findings = run.method.possible(sensor), findings + doubtful_additions(additions)
@@ -249,17 +264,17 @@ def calibrate_run(
         run.method.name,
         run.estimator,
         conditions,
-        calibration_record.provenance(run, inputs),
+        provenance(run, inputs),
         judged.statements,
         "symmetric" if sensor.frame == "symmetric" else run.method.frame(run.bench),
         verdict=judged,
-        shared=calibration_record.shared_errors(run, estimate, expected, p),
-        validity=calibration_record.validity(run.sensor, inputs),
+        shared=shared_errors(run, estimate, expected, p),
+        validity=validity(run.sensor, inputs),
         job=run.job,
         conformity=None
         if run.specification is None
         else run.specification.judge(sensor.coefficients, value, covariance),
-        bench_estimates=calibration_record.bench_estimates(estimate, expected, p),
+        bench_estimates=bench_estimates(estimate, expected, p),
     )
     return Outcome(
         calibration=calibration,
