@@ -172,16 +172,16 @@ class MeasuredParameters:
 def from_fit(
     fit: LinearFit,
     names: tuple[str, ...],
-    unit: str,
+    unit: str | tuple[str, ...],
     value: Array,
     covariance: Array,
     unseen: tuple[str, ...] = (),
     remarks: tuple[str, ...] = (),
 ) -> MeasuredParameters:
-    """Return parameters that share one unit, with the test results of a fit."""
+    """Return parameters, which may share one unit, with the test results of a fit."""
     return MeasuredParameters(
         names,
-        (unit,) * len(names),
+        (unit,) * len(names) if isinstance(unit, str) else unit,
         value,
         covariance,
         fit.chi2,

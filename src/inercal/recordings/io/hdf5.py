@@ -1,6 +1,7 @@
 """Read HDF5 files, including MATLAB files of version 7.3, with h5py."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -47,9 +48,8 @@ def read_hdf5(path: Path, wanted: ReadRequest) -> Table:
     InputError
         The variables do not form a table.
     """
-    h5py: Any = import_module("h5py")
-    with h5py.File(path, "r") as file:
-        return table_from_variables(path, list(_variables(h5py, file, "", set())), wanted)
+    with _opened(path) as variables:
+        return table_from_variables(path, variables, wanted)
 
 
 def long_columns(path: Path) -> tuple[tuple[str, ...], int] | None:
@@ -57,9 +57,8 @@ def long_columns(path: Path) -> tuple[tuple[str, ...], int] | None:
 
     Return None if one of them is text.
     """
-    h5py: Any = import_module("h5py")
-    with h5py.File(path, "r") as file:
-        return number_columns(list(_variables(h5py, file, "", set())))
+    with _opened(path) as variables:
+        return number_columns(variables)
 
 
 def long_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
@@ -71,9 +70,16 @@ def long_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
     names : sequence of str
         Names from `long_columns`.
     """
+    with _opened(path) as variables:
+        yield from column_blocks(variables, names)
+
+
+@contextmanager
+def _opened(path: Path) -> Generator[list[Variable]]:
+    """Open a file and yield its variables, whose numbers can be read within the block."""
     h5py: Any = import_module("h5py")
     with h5py.File(path, "r") as file:
-        yield from column_blocks(list(_variables(h5py, file, "", set())), names)
+        yield list(_variables(h5py, file, "", set()))
 
 
 class Group(NamedTuple):

@@ -143,15 +143,12 @@ def radius_by_sensor(
     kept = [*free, *(n for n in used if n == "g" or (n == "rate" and keep_rate))]
     at = [(*free, *used).index(n) for n in kept]
     unit = {"radius": "m", "stretch": "(m/s²)⁻¹", "rate": "1", "g": "m/s²"}
-    return MeasuredParameters(
+    return from_fit(
+        fit,
         tuple(kept),
         tuple(unit[n] for n in kept),
         np.array([x[n] for n in kept]),
         fit.covariance[np.ix_(at, at)],
-        fit.chi2,
-        fit.dof,
-        fit.p_value,
-        fit.suspects,
         ("the attitude of the sensor, which is assumed to point to the axis",),
         (f"relative u of the radius: {1e6 * np.sqrt(fit.covariance[0, 0]) / x['radius']:.2g} ppm",),
     )
