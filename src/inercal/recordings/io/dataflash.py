@@ -13,7 +13,7 @@ Source: ArduPilot, libraries/AP_Logger/LogStructure.h (log_Format and the table 
 import re
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -210,15 +210,8 @@ def read_dataflash(path: Path, wanted: ReadRequest, corrections: str = "undo") -
     used = message_columns.wanted_topics(wanted, list(known), first or list(topics), path.name)
     message_columns.require_messages(used, topics, path.name)
     changes = _parameters(types.get("PARM"))
-    stated: list[str] = []
-    devices: dict[str, int] = {}
-    messages: list[Messages] = []
-    for topic in used:
-        changed, words = _uncorrected(path.name, topics[topic], changes, wanted, keep)
-        stated += words
-        devices |= _devices(topics[topic], changes, wanted)
-        messages.append(Messages(topic, topics[topic].time, dict(topics[topic].fields) | changed))
-    return message_columns.table_from_messages(path, messages, wanted, stated, devices)
+    raw = [_uncorrected(path.name, topics[topic], changes, wanted, keep) for topic in used]
+    return message_columns.table_from_messages(path, raw, wanted)
 
 
 def _type_name(column: str) -> str:
@@ -282,8 +275,8 @@ def _devices(messages: Messages, changes: Changes, wanted: ReadRequest) -> dict[
 
 def _uncorrected(
     source: str, messages: Messages, changes: Changes, wanted: ReadRequest, keep: bool
-) -> tuple[dict[str, Array], list[str]]:
-    """Return a topic's fields before their corrections, and which corrections are kept."""
+) -> Messages:
+    """Return a topic's messages before their corrections, with the corrections that are kept."""
     changed: dict[str, Array] = {}
     words: list[str] = []
     for sensor, instance, fields in _sensors(messages, wanted):
@@ -293,7 +286,8 @@ def _uncorrected(
         correction = _correction(source, changes, sensor, instance, int(messages.time[0]))
         readings = np.stack([messages.fields[field] for field in fields], -1).astype(float)
         changed |= zip(fields, correction.undo(readings).T, strict=True)
-    return changed, words
+    fields, devices = dict(messages.fields) | changed, _devices(messages, changes, wanted)
+    return replace(messages, fields=fields, kept_corrections=tuple(words), devices=devices)
 
 
 def _correction(

@@ -19,7 +19,7 @@ The first 39 rotations are the same in both programs.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from fractions import Fraction
 from pathlib import Path
@@ -170,11 +170,17 @@ class Messages:
         Times on a clock that all topics share, ns.
     fields : mapping of str to (n,) array
         Values of each field, as numbers.
+    kept_corrections : tuple of str
+        The corrections that the wanted fields still contain, in words.
+    devices : mapping of str to int
+        Numbers of the sensors that the wanted fields come from, by their names in the log.
     """
 
     topic: str
     time: Times
     fields: Mapping[str, NDArray[Any]]
+    kept_corrections: tuple[str, ...] = ()
+    devices: Mapping[str, int] = field(default_factory=dict[str, int])
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -239,13 +245,7 @@ def _suggest(name: str, topics: Collection[str]) -> str:
     return "its topics are " + ", ".join(map(shorten, listed[:_MOST_LISTED])) + more
 
 
-def table_from_messages(
-    path: Path,
-    messages: Sequence[Messages],
-    wanted: ReadRequest,
-    kept_corrections: Sequence[str] = (),
-    devices: Mapping[str, int] | None = None,
-) -> Table:
+def table_from_messages(path: Path, messages: Sequence[Messages], wanted: ReadRequest) -> Table:
     """Join messages by time to form the rows of a table.
 
     Parameters
@@ -254,10 +254,6 @@ def table_from_messages(
     messages : sequence of Messages
         Messages of the wanted topics.
     wanted : ReadRequest
-    kept_corrections : sequence of str
-        See `inercal.recordings.io.column_table.Table`.
-    devices : mapping of str to int
-        Numbers of the sensors, by their names in the log.
 
     Raises
     ------
@@ -284,6 +280,7 @@ def table_from_messages(
     columns: dict[str, Column] = {}
     blank, block = wanted.empty_columns(rows, chosen)
     of = {column: topic for topic in messages for column in topic.columns}
+    devices = {name: number for one in messages for name, number in one.devices.items()}
     for name, place in blank.items():
         if name == TIME:
             place[:] = (base.time[keep] - start) / _NS
@@ -300,8 +297,8 @@ def table_from_messages(
         0,
         header=True,
         block=block,
-        kept_corrections="; ".join(kept_corrections),
-        devices=", ".join(f"{name} {number}" for name, number in (devices or {}).items()),
+        kept_corrections="; ".join(text for one in messages for text in one.kept_corrections),
+        devices=", ".join(f"{name} {number}" for name, number in devices.items()),
         time_zero=Fraction(start),
     )
 

@@ -141,18 +141,8 @@ def read_ulog(path: Path, wanted: ReadRequest, corrections: str = "undo") -> Tab
     log = _load(core, path, [*names, *([_SELECTION] if names & set(_CORRECTED) else [])])
     data = {topic_name(one.name, one.multi_id): one.data for one in log.data_list}
     message_columns.require_messages(used, data, path.name)
-    stated: list[str] = []
-    devices: dict[str, int] = {}
-    messages: list[Messages] = []
-    for topic in used:
-        fields: dict[str, Any] = data[topic]
-        time = fields["timestamp_sample" if "timestamp_sample" in fields else "timestamp"]
-        logged = Messages(topic, np.asarray(time, np.int64) * 1000, fields)
-        changed, words = _uncorrected(path.name, log, logged, data, wanted, keep)
-        stated += words
-        devices |= _devices(path.name, logged, data, wanted)
-        messages.append(replace(logged, fields=fields | changed))
-    return message_columns.table_from_messages(path, messages, wanted, stated, devices)
+    raw = [_uncorrected(path.name, log, topic, data, wanted, keep) for topic in used]
+    return message_columns.table_from_messages(path, raw, wanted)
 
 
 def _load(core: Any, path: Path, names: list[str]) -> Any:
@@ -166,36 +156,32 @@ def _load(core: Any, path: Path, names: list[str]) -> Any:
 
 
 def _uncorrected(
-    source: str,
-    log: Any,
-    logged: Messages,
-    data: Mapping[str, Any],
-    wanted: ReadRequest,
-    keep: bool,
-) -> tuple[dict[str, Array], list[str]]:
-    """Return a topic's fields before their corrections, and which corrections are kept."""
-    topic, name = logged.topic, logged.topic.partition("[")[0]
+    source: str, log: Any, topic: str, data: Mapping[str, Any], wanted: ReadRequest, keep: bool
+) -> Messages:
+    """Return a topic's messages before their corrections, with the corrections that are kept."""
+    name, values = topic.partition("[")[0], data[topic]
+    time = values["timestamp_sample" if "timestamp_sample" in values else "timestamp"]
+    logged = Messages(topic, np.asarray(time, np.int64) * 1000, values)
     channels = {
         column.removeprefix(f"{topic}.")
         for column in message_columns.channel_columns(wanted, logged)
     }
-    if channels and name in _FILTERED:
-        if keep:
-            return {}, [f"{topic}: corrected and filtered by PX4"]
+    filtered = bool(channels) and name in _FILTERED
+    if filtered and not keep:
         raise InputError(
             f"{source}: topic {topic!r} is corrected and filtered, which cannot be undone: log "
             'sensor_accel and sensor_gyro, or state corrections = "keep"',
             key="[data] corrections",
             names=(topic,),
         )
-    if channels and "x_raw" in data[topic]:
+    if channels and not filtered and "x_raw" in values:
         raise InputError(
             f"{source}: {topic!r} is from PX4 before 1.11, whose drivers apply their own "
             "corrections: log with PX4 1.11 or later",
             names=(topic,),
         )
     changed: dict[str, Array] = {}
-    words: list[str] = []
+    words = [f"{topic}: corrected and filtered by PX4"] if filtered else []
     for pattern, sensor, device in _CORRECTED.get(name, ()):
         fields = [pattern.format(k) for k in range(3)]
         if not channels & set(fields):
@@ -204,9 +190,10 @@ def _uncorrected(
             words.append(f"{topic}: {_stated(log, sensor)}")
             continue
         correction = _correction(source, log, sensor, _device(source, log, data, sensor, device))
-        readings = np.stack([data[topic][field] for field in fields], -1).astype(float)
+        readings = np.stack([values[field] for field in fields], -1).astype(float)
         changed |= zip(fields, correction.undo(readings).T, strict=True)
-    return changed, words
+    devices = _devices(source, logged, data, wanted)
+    return replace(logged, fields=values | changed, kept_corrections=tuple(words), devices=devices)
 
 
 def _devices(
