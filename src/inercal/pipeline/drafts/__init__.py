@@ -16,7 +16,6 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.physics.section_settings import measured_constant
-from inercal.pipeline.drafts import draft_entries, method_trials
 from inercal.pipeline.drafts.clock_keys import clock_keys, suggest_rate
 from inercal.pipeline.drafts.column_names import is_reversed
 from inercal.pipeline.drafts.column_roles import (
@@ -31,7 +30,13 @@ from inercal.pipeline.drafts.column_roles import (
     unknown_accelerometers,
     without_sections,
 )
-from inercal.pipeline.drafts.draft_entries import DraftKey
+from inercal.pipeline.drafts.draft_entries import (
+    UNKNOWN,
+    DraftKey,
+    as_sections,
+    run_file_text,
+    with_typical_values,
+)
 from inercal.pipeline.drafts.draft_sections import (
     arm_rate_unit,
     bench_keys,
@@ -49,7 +54,14 @@ from inercal.pipeline.drafts.file_parts import recording_name
 from inercal.pipeline.drafts.log_files import read_logs
 from inercal.pipeline.drafts.magnetometer_keys import NO_FIELD, magnetometer_keys
 from inercal.pipeline.drafts.mean_scatter import GUESS, with_scatter
-from inercal.pipeline.drafts.method_trials import Candidate, MethodTrial
+from inercal.pipeline.drafts.method_trials import (
+    RAMP,
+    Candidate,
+    MethodTrial,
+    candidate_methods,
+    rests_in_ramp,
+    try_methods,
+)
 from inercal.pipeline.drafts.quiet_sections import QuietMeans
 from inercal.pipeline.drafts.rate_tables import (
     gyro_deviation_keys,
@@ -114,7 +126,7 @@ class Draft:
     @property
     def questions(self) -> tuple[DraftKey, ...]:
         """The keys that only the user knows, except a unit that follows from another answer."""
-        found = [entry for entry in self.entries if entry.value == draft_entries.UNKNOWN]
+        found = [entry for entry in self.entries if entry.value == UNKNOWN]
         rate = [entry for entry in found if entry.key == "rate"]
         return tuple(rate or found)
 
@@ -146,7 +158,7 @@ class Draft:
             "",
             f"  inercal calibrate {self.path.name}",
         )
-        return draft_entries.run_file_text(self.entries, head)
+        return run_file_text(self.entries, head)
 
 
 def require_answers(draft: Draft) -> None:
@@ -238,7 +250,7 @@ def draft_run_file(
     reason = "the first of the above that fits"
     if found.questions:
         reason = "not tried yet: inercal init tries all of the above once it has the answers"
-    defaults = default_bench_keys(draft_entries.as_sections(found.entries), found.method.name)
+    defaults = default_bench_keys(as_sections(found.entries), found.method.name)
     keys = [*defaults, DraftKey("method", "name", found.method.name, reason)]
     keys += [
         DraftKey("method", key, value, _REASONS.get((key, str(value)), ""))
@@ -302,7 +314,7 @@ def _draft(
     except InputError as error:
         raise error.located(logs[0]) from None
     guessed = roles.means and "accelerometer" in readings
-    ramp = candidates[0][1] == method_trials.RAMP
+    ramp = candidates[0][1] == RAMP
     noise = noise_keys(readings, readouts, rests, time) if bench == "turntable" or ramp else {}
     entries = (
         DraftKey("sensor", "name", name, "change it to the sensor's serial number"),
@@ -325,11 +337,11 @@ def _draft(
     )
     entries = _with_stated(entries, _named_columns(values, roles))
     if typical:
-        entries = tuple(draft_entries.with_typical_values(entries))
+        entries = tuple(with_typical_values(entries))
     if guessed and "data.sd.accelerometer" not in stated:
         entries, trials = with_scatter(entries, candidates, path.parent, start_deviation(roles))
     else:
-        trials = method_trials.try_methods(entries, candidates, path.parent)
+        trials = try_methods(entries, candidates, path.parent)
     seen = facts(logs, table, roles, rests, time, readings)
     why_unused = [roles.reasons[key] for key in _LEFT_OUT if key in roles.reasons]
     unused = unused_columns(table, entries)
@@ -349,8 +361,8 @@ def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, s
 
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
     """Return the methods that may fit, and refuse columns that suit no method."""
-    if "table_rate" in roles.single or method_trials.rests_in_ramp(roles):
-        return method_trials.candidate_methods(roles)
+    if "table_rate" in roles.single or rests_in_ramp(roles):
+        return candidate_methods(roles)
     if roles.triads.get("accelerometer") == ():
         raise InputError(
             f"{log}: data.accelerometer is empty, but no method that init can draft works without "
@@ -365,7 +377,7 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
     read = np.zeros(1) if thermometer is None else table.numbers(thermometer)
     read = read[np.isfinite(read)]
     heated = read.size > 0 and float(np.ptp(np.quantile(read, (0.1, 0.9)))) > _HEATED
-    candidates = method_trials.candidate_methods(roles, heated=heated)
+    candidates = candidate_methods(roles, heated=heated)
     if not candidates:
         count = format_count(len(roles.triads["accelerometer"]), "accelerometer column")
         raise InputError(
