@@ -27,9 +27,15 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_duration
-from inercal.noise import deviations
 from inercal.noise.confidence import identify_noise, interval
-from inercal.noise.deviations import Deviations, Spacing
+from inercal.noise.deviations import (
+    Deviations,
+    Spacing,
+    averaging_factors,
+    cumulative_sum,
+    stride_of,
+    with_intervals,
+)
 from inercal.noise.spectrum import SHORTEST_PIECE
 from inercal.recordings import Recording
 
@@ -237,8 +243,8 @@ def gap_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
     counts: list[int] = []
     shares: list[float] = []
     every = spacing == "all"
-    candidates = deviations.averaging_factors(n, spacing, _PHASES).tolist()
-    strides = {m: 1 if every else deviations.stride_of(m) for m in candidates}
+    candidates = averaging_factors(n, spacing, _PHASES).tolist()
+    strides = {m: 1 if every else stride_of(m) for m in candidates}
     for m in candidates:
         total, count, possible = _masked_sum(x, filled, m, strides[m])
         if count:
@@ -247,9 +253,9 @@ def gap_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
             counts.append(count)
             shares.append(count / possible)
     # The noise type is only a label and is identified from the samples as if there were no gaps.
-    closed = deviations.cumulative_sum(np.concatenate([one.values for one in parts]))
+    closed = cumulative_sum(np.concatenate([one.values for one in parts]))
     alphas = [identify_noise(closed, m) for m in factors]
-    found = deviations.with_intervals(
+    found = with_intervals(
         "oadev",
         np.array(factors),
         np.array(squares),
