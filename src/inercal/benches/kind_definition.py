@@ -132,20 +132,6 @@ def _simulate(
     return SensorSimulation(perform(bench, steps, rate_hz, rng, trials), sensor)
 
 
-def imported_when_called(place: str) -> Callable[..., Any]:
-    """Return a function that imports the function "module:name" when it is called.
-
-    A kind of bench names its reader in this way, so that the reader is only loaded if it is needed.
-    """
-    return partial(_call, place)
-
-
-def _call(place: str, *arguments: Any) -> Any:
-    from pkgutil import resolve_name
-
-    return resolve_name(place)(*arguments)
-
-
 def keep_plan(
     options: Mapping[str, Any], bench: Any, folder: Path, plan: PlanFunction
 ) -> PlanFunction:

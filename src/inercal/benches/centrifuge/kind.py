@@ -17,12 +17,7 @@ from inercal.benches.centrifuge.simulation import (
     head_angles_of_attitude,
     simulate_arm_motion,
 )
-from inercal.benches.kind_definition import (
-    Effect,
-    Kind,
-    imported_when_called,
-    simulate_without_sensor,
-)
+from inercal.benches.kind_definition import Effect, Kind, simulate_without_sensor
 from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.benches.report_data import (
     MeasuredDirection,
@@ -33,7 +28,7 @@ from inercal.benches.report_data import (
 from inercal.physics.plan import Spin, describe_direction
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import G0
-from inercal.recordings.data import RunBase
+from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import readback_units
 
 
@@ -149,6 +144,13 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     )
 
 
+def _observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
+    """Return the observations from a run; the reader is imported only when it is needed."""
+    from inercal.benches.centrifuge.reading import observe
+
+    return observe(run)
+
+
 KIND = Kind(
     "centrifuge",
     Centrifuge,
@@ -156,7 +158,7 @@ KIND = Kind(
     CentrifugeData,
     build,
     (Spin,),
-    imported_when_called("inercal.benches.centrifuge.reading:observe"),
+    _observe,
     simulate_without_sensor(simulate_arm_motion),
     arm_plan_duration,
     effects=(

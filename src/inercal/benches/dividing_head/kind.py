@@ -6,6 +6,7 @@ position.
 
 from collections.abc import Sequence
 from math import degrees, pi
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,13 +23,18 @@ from inercal.benches.dividing_head.head_angles import sensor_angles
 from inercal.benches.dividing_head.passes import pass_names, pass_numbers, steps_without_warm_up
 from inercal.benches.dividing_head.settings import DividingHeadData, DividingHeadSection, build
 from inercal.benches.dividing_head.sheet import sheet
-from inercal.benches.kind_definition import Kind, Vocabulary, imported_when_called
+from inercal.benches.kind_definition import Kind, Vocabulary
 from inercal.benches.report_data import MeasuredDirection, Panel, Plot, ReportInput, Series
 from inercal.benches.stated_axes import StatedAxes
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Index, Step
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import Recording
+from inercal.recordings.data import EstimatorInput, RunBase
+
+if TYPE_CHECKING:
+    from inercal.recordings.segments import RestDetection
 
 MOVE_SECONDS = 2.0
 
@@ -192,6 +198,20 @@ def _sensor(name: str, *stated: StatedAxes) -> Sensor:
     return mounted_sensor(name, letters, accelerometers.readout, accelerometers.noise)
 
 
+def _observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
+    """Return the observations from a run; the reader is imported only when it is needed."""
+    from inercal.benches.dividing_head.reading import observe
+
+    return observe(run)
+
+
+def _rests(run: RunBase[DividingHeadData], recording: Recording) -> "RestDetection":
+    """Return the rests in a refused recording."""
+    from inercal.recordings.data.rest_marks import rests_without_plan
+
+    return rests_without_plan(run, recording)
+
+
 KIND = Kind(
     "dividing_head",
     DividingHead,
@@ -199,12 +219,12 @@ KIND = Kind(
     DividingHeadData,
     build,
     (Index,),
-    imported_when_called("inercal.benches.dividing_head.reading:observe"),
+    _observe,
     simulate_head_motion,
     words=Vocabulary(rows="positions", attitudes="Positions of the head", components=""),
     sensor=_sensor,
     sheet=sheet,
-    rests=imported_when_called("inercal.recordings.data.rest_marks:rests_without_plan"),
+    rests=_rests,
     directions=directions,
     plots=plots,
     row=describe_position,

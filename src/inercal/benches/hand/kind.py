@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 from math import degrees, pi
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from inercal.benches.contract import SensorSimulation
 from inercal.benches.hand.bench import Hand
 from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.benches.key_declarations import add_bench_keys, build_bench
-from inercal.benches.kind_definition import Effect, Kind, imported_when_called
+from inercal.benches.kind_definition import Effect, Kind
 from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.benches.stated_axes import any_axes
@@ -36,7 +36,11 @@ from inercal.physics.section_settings import (
     section_constant,
 )
 from inercal.physics.sensors import Sensor
-from inercal.recordings.data import RestsSection, RunBase
+from inercal.recordings import Recording
+from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
+
+if TYPE_CHECKING:
+    from inercal.recordings.segments import RestDetection
 
 
 def sheet(run: RunBase[RestsSection]) -> Sheet:
@@ -250,6 +254,27 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     return tuple(result)
 
 
+def _observe(run: RunBase[RestsSection]) -> EstimatorInput:
+    """Return the observations from a run; the reader is imported only when it is needed."""
+    from inercal.benches.hand.reading import observe
+
+    return observe(run)
+
+
+def _audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
+    """Return the recording with findings about its norms at rest."""
+    from inercal.benches.hand.reading import audit
+
+    return audit(recording, sensor, bench)
+
+
+def _rests(run: RunBase[RestsSection], recording: Recording) -> "RestDetection":
+    """Return the rests in a refused recording."""
+    from inercal.benches.hand.reading import refused_recording_rests
+
+    return refused_recording_rests(run, recording)
+
+
 def simulate(
     bench: Hand,
     steps: Sequence[HandStep],
@@ -274,15 +299,15 @@ KIND = Kind(
     RestsSection,
     build,
     (Hold, Turn),
-    imported_when_called("inercal.benches.hand.reading:observe"),
+    _observe,
     simulate,
     # At the equator the vertical component of the earth's rate is zero.
     effects=(
         Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), affects_rates=True),
     ),
-    audit=imported_when_called("inercal.benches.hand.reading:audit"),
+    audit=_audit,
     sheet=sheet,
-    rests=imported_when_called("inercal.benches.hand.reading:refused_recording_rests"),
+    rests=_rests,
     sensor=any_axes,
     directions=directions,
 )

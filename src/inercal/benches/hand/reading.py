@@ -129,15 +129,16 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
         observations = _with_planned_names(run, observations)
         steps = _planned_steps(run, observations)
         plan = _plan_with_visits(run, steps)
-    at_rest = observations.mean[[isinstance(step, Hold) for step in steps]]
-    forces = bool(sensor.select_axes("f").axes)
-    if recording is None and forces:
-        odd = rest_mean_finding(at_rest, sensor, bench.gravity.value)
+    if recording is None and sensor.select_axes("f").axes:
+        at_rest = [isinstance(step, Hold) for step in steps]
+        odd = rest_mean_finding(observations.mean[at_rest], sensor, bench.gravity.value)
         findings += recording_loader.require_not_refused(run.data.file, odd)
     if not run.method.unknown_attitudes:
         findings += segments.check_against_plan(observations, sensor, steps, bench.gravity.value)
-    if forces:
-        findings = explain_norm(findings, at_rest, sensor, bench.gravity.value)
+    if sensor.select_axes("f").axes:
+        at_rest = [isinstance(step, Hold) for step in steps]
+        means = observations.mean[at_rest]
+        findings = explain_norm(findings, means, sensor, bench.gravity.value)
     _require_recordings(run, bench)
     if run.magnetometer is not None:
         ordered = sorted(marks, key=lambda mark: mark.start)

@@ -18,7 +18,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_duration
 from inercal.benches.contract import SensorSimulation, SimulatedMotion, concatenate_motions
-from inercal.benches.kind_definition import Kind, Vocabulary, imported_when_called
+from inercal.benches.kind_definition import Kind, Vocabulary
 from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.linearity import LineFit, output_tables, straight_lines
@@ -43,7 +43,7 @@ from inercal.physics.motion import Motion
 from inercal.physics.plan import describe_direction
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
-from inercal.recordings.data import RunBase
+from inercal.recordings.data import EstimatorInput, RunBase
 
 _LEAST = 2  # fewest samples in a section
 _HANDLING = 3.0  # s
@@ -254,6 +254,13 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     )
 
 
+def _observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
+    """Return the observations from a run; the reader is imported only when it is needed."""
+    from inercal.benches.rate_platform.reading import observe
+
+    return observe(run)
+
+
 KIND = Kind(
     "rate_platform",
     RatePlatform,
@@ -261,7 +268,7 @@ KIND = Kind(
     RatePlatformData,
     build,
     (RateDwell, Pose),
-    imported_when_called("inercal.benches.rate_platform.reading:observe"),
+    _observe,
     simulate_sections,
     words=Vocabulary(row="section", turning_device="table", rows="sections"),
     sensor=any_axes,

@@ -26,12 +26,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.units import format_duration
 from inercal.benches.arm import outward_and_up_directions
-from inercal.benches.kind_definition import (
-    Kind,
-    Vocabulary,
-    imported_when_called,
-    simulate_without_sensor,
-)
+from inercal.benches.kind_definition import Kind, Vocabulary, simulate_without_sensor
 from inercal.benches.motion_control import MotionControl, SensedMotion, SpinTask
 from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion, speed_names
@@ -46,7 +41,7 @@ from inercal.benches.report_data import Columns, Panel, Plot, ReportInput, Serie
 from inercal.physics.frames import exp_so3
 from inercal.physics.plan import Hold, Spin
 from inercal.physics.sensors import G0
-from inercal.recordings.data import RunBase
+from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import (
     readback_columns,
     readback_units,
@@ -272,6 +267,13 @@ _UNJUDGED = (
 )
 
 
+def _observe(run: RunBase[RateTableData]) -> EstimatorInput:
+    """Return the observations from a run; the reader is imported only when it is needed."""
+    from inercal.benches.rate_table.reading import observe
+
+    return observe(run)
+
+
 KIND = Kind(
     "rate_table",
     RateTable,
@@ -279,7 +281,7 @@ KIND = Kind(
     RateTableData,
     build,
     (Spin,),
-    imported_when_called("inercal.benches.rate_table.reading:observe"),
+    _observe,
     simulate_without_sensor(simulate_table_motion),
     table_plan_duration,
     Vocabulary(row="state or mounting", turning_device="table", rows="states", unjudged=_UNJUDGED),

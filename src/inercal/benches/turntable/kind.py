@@ -14,7 +14,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.benches.contract import SensorSimulation
-from inercal.benches.kind_definition import Kind, Vocabulary, imported_when_called
+from inercal.benches.kind_definition import Kind, Vocabulary
 from inercal.benches.motion_control import Angles, MotionControl, SensedMotion, TurnTask
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.benches.stated_axes import any_axes
@@ -27,6 +27,7 @@ from inercal.benches.turntable.settings import TurntableData, TurntableSection, 
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.plan import Position, Rotation, Step, TableStep, table_steps
 from inercal.physics.sensors import Noise, Sensor
+from inercal.recordings.data import EstimatorInput, RunBase
 
 
 def plan_tasks(bench: Turntable, steps: Sequence[TableStep]) -> tuple[TurnTask, ...]:
@@ -157,6 +158,13 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     return tuple(result)
 
 
+def _observe(run: RunBase[TurntableData]) -> EstimatorInput:
+    """Return the observations from a run; the reader is imported only when it is needed."""
+    from inercal.benches.turntable.reading.track_observation import observe
+
+    return observe(run)
+
+
 KIND = Kind(
     "turntable",
     Turntable,
@@ -164,7 +172,7 @@ KIND = Kind(
     TurntableData,
     build,
     (Position, Rotation),
-    imported_when_called("inercal.benches.turntable.reading.track_observation:observe"),
+    _observe,
     _simulate,
     simulation.turntable_path_duration,
     Vocabulary(components=""),
