@@ -103,7 +103,7 @@ one_case = cache(case)
 
 @cache
 def case_and_estimate(method: str, estimator: str, head: str = "") -> tuple[Case, Estimate]:
-    """Return a case, on a dividing head of its own if that is named, and what is found as stated."""
+    """Return a case, on a head of `HEADS` if that is named, and the estimate as stated."""
     given = one_case(method, estimator)
     given = given._replace(bench=HEADS[head]) if head else given
     return given, given.found()

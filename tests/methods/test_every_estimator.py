@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.base_seeds import slow
 from tests.magnetometer import generator
 from tests.magnetometer.calibrations import FIELD_NAMES, coefficients
 from tests.magnetometer.motion import motion
@@ -128,7 +129,8 @@ def followed(
 
 # The estimator of `field_and_rates` only states what is known before; see the next test.
 CASES = [
-    (name, estimator)
+    # `tests/methods/test_ship_global.py` finds the truth of perfect norms by the same search.
+    slow(name, estimator) if estimator == "global" else (name, estimator)
     for name, m in METHODS.items()
     if "m" not in m.needs
     for estimator in m.estimators
