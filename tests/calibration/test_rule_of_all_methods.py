@@ -53,7 +53,7 @@ RECORDED = [
     evidence(name)
     if name == "turntable_trajectory"  # of the kinds of recordings that are followed, one more
     else slow(name)
-    if kind_for(name).sampled
+    if kind_for(name).sampled or name == "field_and_rates"
     else name
     for name in METHODS
 ]
