@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from _pytest.doctest import DoctestModule
+from tests.array_approx import compare_arrays_at_once
 from tests.base_seeds import SEEDS
 from tests.reports import report_file
 
@@ -19,7 +20,8 @@ def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile each kernel in one of the processes that run tests side by side."""
+    """Compare arrays as a whole, and compile each kernel in one of the processes side by side."""
+    compare_arrays_at_once()
     if hasattr(config, "workerinput"):
         from tests.shared_compilation import compile_each_kernel_once
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.accuracy import handheld
 from tests.accuracy.ferraris import G0, mems
+from tests.base_seeds import evidence
 
 from inercal import calibrate
 from inercal.benches import Hand
@@ -44,14 +45,14 @@ def outcome(folder: Path, seed: int, step: float, tremor_deg: float) -> Outcome:
     return calibrate(folder / "run.toml")
 
 
-@pytest.mark.parametrize(("step", "tremor_deg"), [(1e-3, 0.0), (4e-3, 0.0), (1.5e-3, 0.1)])
+@pytest.mark.parametrize(("step", "tremor_deg"), [(1e-3, 0.0), evidence(4e-3, 0.0), (1.5e-3, 0.1)])
 def test_a_step_within_a_rest_is_named(tmp_path: Path, step: float, tremor_deg: float):
     verdict = outcome(tmp_path, 1, step * G0, tremor_deg).verdict
     assert verdict.grade != "consistent"
     assert any("change" in one and "within r08" in one for one in verdict.reasons)
 
 
-@pytest.mark.parametrize("tremor_deg", [0.1, 0.5])
+@pytest.mark.parametrize("tremor_deg", [evidence(0.1), 0.5])
 def test_the_sway_of_a_hand_is_no_change_of_the_accelerometers(tmp_path: Path, tremor_deg: float):
     verdict = outcome(tmp_path, 2, 0.0, tremor_deg).verdict
     assert not any("within" in one for one in verdict.reasons)

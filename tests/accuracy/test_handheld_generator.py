@@ -21,6 +21,7 @@ from tests.accuracy.handheld import (
     triangular,
 )
 
+pytestmark = pytest.mark.slow  # nothing of inercal is in these tests
 Array = NDArray[np.float64]
 LATITUDE = 47 * DEGREE
 PERFECT = Imu(np.eye(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros((3, 3)))

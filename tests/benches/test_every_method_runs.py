@@ -93,7 +93,7 @@ def test_a_filled_worksheet_is_a_table_of_means(method: str, tmp_path: Path):
     made = build_worksheet(run)
     header, *blank = csv.reader(StringIO(worksheet_csv(made)))
     found: list[float] = []
-    for seed in (1, 2, 3):
+    for seed in (1, 2):
         readings = read_off(run, np.random.default_rng(seed))
         assert len(blank) == len(readings)
         rows = [[*row, *[""] * (len(header) - len(row))] for row in blank]

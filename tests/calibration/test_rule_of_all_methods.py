@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.special import chdtri
-from tests.base_seeds import evidence, slow
+from tests.base_seeds import chosen, evidence, slow
 from tests.benches import generated_runs
 from tests.benches.generated_runs import (
     kind_for,
@@ -53,7 +53,7 @@ RECORDED = [
     evidence(name)
     if name == "turntable_trajectory"  # of the kinds of recordings that are followed, one more
     else slow(name)
-    if kind_for(name).sampled
+    if kind_for(name).sampled or name == "field_and_rates"
     else name
     for name in METHODS
 ]
@@ -201,7 +201,7 @@ def free_rests(folder: Path, ups: np.ndarray, scatter: float, seed: int = 1) -> 
     return calibrate(folder / "run.toml")
 
 
-@pytest.mark.parametrize("scatter", [*FACTORS, 5.2, 0.2])
+@pytest.mark.parametrize("scatter", chosen([*FACTORS, 5.2, 0.2], (1.0, 1.5, 2.5, 1 / 3)))
 def test_rests_in_unknown_attitudes_follow_the_rule(
     scatter: float, tmp_path: Path, attitudes: np.ndarray
 ):

@@ -1,5 +1,6 @@
 """A calibration compared with the same numbers as another program states them."""
 
+from functools import cache
 from pathlib import Path
 from typing import Literal
 
@@ -23,6 +24,7 @@ TERMS: tuple[tuple[Frame, Form], ...] = (
 STATED = {"imucal": 33, "kalibr": 27, "px4": 9, "ardupilot": 9, "imu_tk": 12}
 
 
+@cache
 def in_terms(frame: Frame, form: Form) -> Calibration:
     own = make_calibration(*LINEAR, size=1e-2)
     return (own if frame == "mount" else own.in_frame(frame)).in_form(form)

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.ferraris import DEGREE, mems
 from tests.accuracy.handheld import Session, record, triangular
-from tests.base_seeds import sampled
+from tests.base_seeds import evidence, sampled
 
 from inercal.basics.units import Measured
 from inercal.benches import Hand
@@ -144,6 +144,7 @@ def test_sessions_of_a_trembling_hand_err_as_stated(seed: int, sessions: int):
     assert judged.flagged.mean() < 0.25  # χ² of three kinds, each beyond its bound in one of 20
 
 
-def test_a_drift_that_the_model_does_not_know_is_said_by_chi_squared():
+@pytest.mark.parametrize("sessions", [4, evidence(10)])
+def test_a_drift_that_the_model_does_not_know_is_said_by_chi_squared(sessions: int):
     drifting = replace(STILL, drift_a=0.02, drift_g=0.005)
-    assert judge(1, drifting, "joint", 10).flagged.all()
+    assert judge(1, drifting, "joint", sessions).flagged.all()

@@ -75,8 +75,8 @@ def rests(n, tilt=180.0, **options):
         evidence(rests(16), (0.039, 1.2, 0.11, 0.067, 0.04, 0.21)),
         (rests(24), (0.028, 0.91, 0.080, 0.049, 0.03, 0.16)),
         evidence(rests(40), (0.021, 0.68, 0.058, 0.036, 0.02, 0.12)),
-        (rests(80), (0.014, 0.47, 0.040, 0.024, 0.014, 0.08)),
-        (rests(30, sigma_m=0.3e-6), (0.073, 2.4, 0.21, 0.12, 0.07, 0.41)),
+        evidence(rests(80), (0.014, 0.47, 0.040, 0.024, 0.014, 0.08)),
+        evidence(rests(30, sigma_m=0.3e-6), (0.073, 2.4, 0.21, 0.12, 0.07, 0.41)),
         (rests(30, sigma_f=0.05), (0.034, 1.0, 0.09, 0.105, 0.06, 0.28)),
     ],
     ids=["12", "16", "24", "40", "80", "noisy magnetometer", "noisy accelerometer"],
@@ -93,10 +93,10 @@ def test_uncertainties_for_a_number_of_rests(make, expected):
         (10, 0.74, 0.44),
         evidence(20, 0.36, 0.22),
         evidence(30, 0.23, 0.14),
-        (45, 0.14, 0.091),
+        evidence(45, 0.14, 0.091),
         evidence(60, 0.089, 0.069),
         evidence(90, 0.045, 0.050),
-        (180, 0.025, 0.042),
+        evidence(180, 0.025, 0.042),
     ],
 )
 def test_uncertainties_for_a_range_of_tilts(tilt, offset, alignment):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.base_seeds import evidence
+from tests.base_seeds import chosen, evidence
 from tests.magnetometer import generator as sim
 from tests.magnetometer.recorded import MOVING, RATE_HZ, STILL, recording, table
 from tests.program import run_program
@@ -63,7 +63,7 @@ def rng() -> Rng:
     return np.random.default_rng(7)
 
 
-@pytest.mark.parametrize("which", AXES)
+@pytest.mark.parametrize("which", chosen(AXES, ("rotated", "left-handed")))
 def test_axes_as_stated_are_calibrated_and_others_refused(which: str, rng: Rng, tmp_path: Path):
     stated, axes = AXES[which]
     own, attitude = sim.device(rng, axes), sim.scattered(rng, N)

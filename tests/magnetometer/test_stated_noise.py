@@ -16,8 +16,10 @@ def factors(outcome: Outcome) -> list[float]:
     return [one.factor for one in outcome.findings if one.what == "noise" and one.factor]
 
 
-@pytest.mark.parametrize("factor", [0.1, 1.0, 4.0])
-@pytest.mark.parametrize("kind", ["recording", "means"])
+@pytest.mark.parametrize(
+    ("kind", "factor"),
+    [("recording", 0.1), ("recording", 1.0), ("recording", 4.0), ("means", 1.0), ("means", 4.0)],
+)
 def test_the_factor_is_found_and_the_verdict_is_not_consistent(
     factor: float, kind: str, tmp_path: Path
 ):
@@ -29,7 +31,7 @@ def test_the_factor_is_found_and_the_verdict_is_not_consistent(
     else:
         path = table(tmp_path, sim.rests(rng, attitude, own), attitude, rng, field="50 µT")
         text = path.read_text(encoding="utf-8")
-        old, new = (f'magnetometer = "{x * sim.SIGMA_M * 1e9} nT"' for x in (1, max(factor, 1.0)))
+        old, new = (f'magnetometer = "{x * sim.SIGMA_M * 1e9} nT"' for x in (1, factor))
         assert old in text
         path.write_text(text.replace(old, new), encoding="utf-8")
     outcome = calibrate(path)

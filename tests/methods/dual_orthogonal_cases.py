@@ -1,5 +1,6 @@
 """Calibrations of two accelerometers on a dividing head, and how far they are off."""
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -172,6 +173,7 @@ def calibrate(
     return given, estimator(given.seen, SENSOR, given.bench, given.steps, priors)
 
 
+@cache
 def scatter_of(method: str, head: float = 3.0, **sizes: float) -> dict[str, float]:
     given, found = calibrate(method, 1, 500, head, **sizes)
     return rms(found, given)

@@ -6,6 +6,7 @@ rate, the data are made with the error: the coefficients move by −J times it.
 """
 
 from dataclasses import replace
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -15,6 +16,7 @@ from tests.base_seeds import evidence
 from tests.methods.bench_sensitivity_cases import BENCHES, STATED, Case, case
 
 from inercal.benches import Bench, DividingHead
+from inercal.estimation import Estimate
 from inercal.methods import METHODS
 from inercal.physics.sensors import G0
 
@@ -96,8 +98,19 @@ def moved_of_sensor(given: Case, name: str, bench: Bench) -> NDArray[np.float64]
     return (found[0] - found[1])[: len(given.truth)] / (2 * h)
 
 
-def require_alike(given: Case, name: str) -> None:
-    estimate, p = given.found(), len(given.truth)
+one_case = cache(case)
+
+
+@cache
+def case_and_estimate(method: str, estimator: str, head: str = "") -> tuple[Case, Estimate]:
+    """Return a case, on a head of `HEADS` if that is named, and the estimate as stated."""
+    given = one_case(method, estimator)
+    given = given._replace(bench=HEADS[head]) if head else given
+    return given, given.found()
+
+
+def require_alike(given: Case, estimate: Estimate, name: str) -> None:
+    p = len(given.truth)
     q = given.bench.nuisances(given.steps, given.sensor)[name]
     by = estimate.sensitivity(name, q.sd)
     assert by is not None
@@ -123,13 +136,13 @@ CASES = [
 def test_coefficients_move_with_an_error_of_the_bench_as_is_said(
     method: str, estimator: str, name: str
 ):
-    require_alike(case(method, estimator), name)
+    require_alike(*case_and_estimate(method, estimator), name)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["lean_x", "square_1"])
 def test_a_filter_neglects_no_more_than_products_of_misalignments_and_the_table(name: str):
-    given = case("turntable_kalman", "full")
+    given, estimate = case_and_estimate("turntable_kalman", "full")
     q = given.bench.nuisances(given.steps, given.sensor)[name]
     mirrored = given._replace(truth=-given.truth)
     one, other = (moved_of_sensor(each, name, given.bench) for each in (given, mirrored))
@@ -137,7 +150,7 @@ def test_a_filter_neglects_no_more_than_products_of_misalignments_and_the_table(
     neglected = np.abs(one - other)[[n.endswith(".k0") for n in names]] / 2
     angles = [t for n, t in zip(names, given.truth, strict=True) if "delta" in n and n[0] == "a"]
     assert neglected.max() <= np.abs(angles).max() * G0
-    u = np.sqrt(np.diagonal(given.found().covariance))[: len(names)]
+    u = np.sqrt(np.diagonal(estimate.covariance))[: len(names)]
     assert neglected.max() * q.sd > 0.01 * u[0]  # of a sensor as quiet as this, it is seen
 
 
@@ -149,7 +162,7 @@ def test_a_filter_neglects_no_more_than_products_of_misalignments_and_the_table(
     ],
 )
 def test_coefficients_move_with_the_head_as_is_said(method: str, estimator: str, name: str):
-    require_alike(case(method, estimator)._replace(bench=HEADS["none"]), name)
+    require_alike(*case_and_estimate(method, estimator, "none"), name)
 
 
 @pytest.mark.parametrize(
@@ -162,14 +175,14 @@ def test_coefficients_move_with_the_head_as_is_said(method: str, estimator: str,
     ],
 )
 def test_norms_in_the_stated_frame_move_as_is_said(estimator: str, name: str):
-    given = case("ship_multi_angle", estimator)
-    require_alike(given._replace(sensor=replace(given.sensor, frame="symmetric")), name)
+    given = one_case("ship_multi_angle", estimator)
+    given = given._replace(sensor=replace(given.sensor, frame="symmetric"))
+    require_alike(given, given.found(), name)
 
 
 @pytest.mark.parametrize(("method", "estimator"), CERTAIN)
 def test_what_takes_the_bench_as_certain_says_nothing_of_it(method: str, estimator: str):
-    given = case(method, estimator)
-    estimate = given.found()
+    given, estimate = case_and_estimate(method, estimator)
     for name, q in given.bench.nuisances(given.steps, given.sensor).items():
         assert estimate.sensitivity(name, max(q.sd, 1e-9)) is None, name
 
@@ -188,8 +201,7 @@ def test_every_estimator_is_in_one_of_the_lists():
 
 
 def test_a_choice_of_coefficients_keeps_how_they_move():
-    given = case("tumble", "fourier")
-    estimate = given.found()
+    _, estimate = case_and_estimate("tumble", "fourier")
     chosen = estimate.select(estimate.names[1:3])
     by, whole = chosen.sensitivity("g", 1.0), estimate.sensitivity("g", 1.0)
     assert by is not None

@@ -29,6 +29,7 @@ from tests.methods.test_centrifuge_norm import (
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import Measured
 from inercal.benches import Centrifuge
+from inercal.estimation import Estimate
 from inercal.methods.centrifuge_norm import ml
 from inercal.physics.plan import Attitude, Spin, arm_attitude
 from inercal.physics.sensors import Sensor
@@ -99,18 +100,20 @@ def test_arms_are_known_to_a_few_micrometres():
 
 def assert_consistent(seed: int, trials: int) -> None:
     rng = np.random.default_rng([seed, 15])
-    nees: list[float] = []
+    devices, outputs = list[Triad](), list[Array]()
+    rates = np.repeat(RATES, len(printed_attitudes()))
     for _ in range(trials):
-        device = symmetric_with_arms(rng)
-        output, rates = reading(device, printed_attitudes())
-        output = output + NOISE * rng.standard_normal(output.shape)
-        seen, made, spins = table(output, rates, "misalignment", *ARMS)
-        made = replace(made, frame="symmetric")
-        found = ml(seen, made, BENCH, in_attitudes(spins, attitudes(printed_attitudes())))
-        # The gauge leaves fewer free directions than coefficients: the pseudo-inverse counts those.
-        error = (found.value - exact(device, made)) / made.unit_scale
-        spread = found.covariance / np.outer(made.unit_scale, made.unit_scale)
-        nees.append(float(error @ np.linalg.pinv(spread, rcond=1e-13, hermitian=True) @ error) / 17)
+        devices.append(symmetric_with_arms(rng))
+        output, _ = reading(devices[-1], printed_attitudes())
+        outputs.append(output + NOISE * rng.standard_normal(output.shape))
+    seen, made, spins = table(np.array(outputs), rates, "misalignment", *ARMS)
+    made = replace(made, frame="symmetric")
+    found = ml(seen, made, BENCH, in_attitudes(spins, attitudes(printed_attitudes())))
+    # The gauge leaves fewer free directions than coefficients: the pseudo-inverse counts those.
+    error = (found.value - [exact(device, made) for device in devices]) / made.unit_scale
+    spread = found.covariance / np.outer(made.unit_scale, made.unit_scale)
+    inverse = np.linalg.pinv(spread, rcond=1e-13, hermitian=True)
+    nees = np.einsum("ti,tij,tj->t", error, inverse, error) / 17
     print(f"NEES {np.mean(nees):.3f}")
     assert np.mean(nees) == pytest.approx(1, abs=4 * np.sqrt(2 / 17 / len(nees)))
 
@@ -131,18 +134,25 @@ def test_a_crooked_mounting_is_in_the_uncertainty_of_the_arms(seed: int):
     bench = replace(BENCH, mounting=1e-3)
     angles = printed_attitudes()
     f, rates = sensed_motion(angles, RATES)
-    nees: list[float] = []
+    devices, outputs = list[Triad](), list[Array]()
     for _ in range(30):
-        device = replace(symmetric_with_arms(rng), axes=np.eye(3))
+        devices.append(replace(symmetric_with_arms(rng), axes=np.eye(3)))
         mount = turn(bench.mounting * rng.standard_normal(3))
-        output = device.output(f @ mount.T, ups(angles, RATES) @ mount.T, rates)
-        output = output + NOISE * rng.standard_normal(output.shape)
-        seen, made, spins = table(output, rates, *ARMS)
-        found = ml(seen, made, bench, in_attitudes(spins, attitudes(angles)))
-        error = found.value[:14] - exact(device, made)
-        nees.append(float(error @ np.linalg.solve(found.covariance[:14, :14], error)) / 14)
+        output = devices[-1].output(f @ mount.T, ups(angles, RATES) @ mount.T, rates)
+        outputs.append(output + NOISE * rng.standard_normal(output.shape))
+    seen, made, spins = table(np.array(outputs), rates, *ARMS)
+    found = ml(seen, made, bench, in_attitudes(spins, attitudes(angles)))
+    assert_nees(found, np.array([exact(device, made) for device in devices]))
+
+
+def assert_nees(found: Estimate, true: Array) -> None:
+    """Hold errors of estimates from the true coefficients, (..., p), to their covariance."""
+    p = true.shape[-1]
+    error = found.value[:, :p] - true
+    weighed = np.linalg.solve(found.covariance[:, :p, :p], error[..., None])[..., 0]
+    nees = (error * weighed).sum(axis=1) / p
     print(f"NEES {np.mean(nees):.3f}")
-    assert np.mean(nees) == pytest.approx(1, abs=4 * np.sqrt(2 / 14 / len(nees)))
+    assert np.mean(nees) == pytest.approx(1, abs=4 * np.sqrt(2 / p / len(nees)))
 
 
 def test_arms_across_what_no_attitude_turns_are_named():
@@ -192,7 +202,7 @@ def test_errors_of_attitudes_mounting_and_dwells_are_in_the_uncertainty(seed: in
         mounting=5e-3,
     )
     angles = full_circle()[::2]
-    nees: list[float] = []
+    outputs: list[Array] = []
     for _ in range(40):
         mount = turn(bench.mounting * rng.standard_normal(3))
         turned = [turn(1e-3 * rng.standard_normal(3)) for _ in angles]
@@ -208,13 +218,10 @@ def test_errors_of_attitudes_mounting_and_dwells_are_in_the_uncertainty(seed: in
                 force = -(a + g * np.sin(tilt)) * out + g * np.cos(tilt) * up
                 rows.append(mount @ one @ force / PAPER_G)
         output = TRUTH.output(np.array(rows))
-        output = output + NOISE * rng.standard_normal(output.shape)
-        seen, made, spins = table(output, np.repeat(RATES, len(angles)))
-        found = ml(seen, made, bench, in_attitudes(spins, attitudes(angles)))
-        error = found.value[:9] - exact(TRUTH, made)
-        nees.append(float(error @ np.linalg.solve(found.covariance[:9, :9], error)) / 9)
-    print(f"NEES {np.mean(nees):.3f}")
-    assert np.mean(nees) == pytest.approx(1, abs=4 * np.sqrt(2 / 9 / len(nees)))
+        outputs.append(output + NOISE * rng.standard_normal(output.shape))
+    seen, made, spins = table(np.array(outputs), np.repeat(RATES, len(angles)))
+    found = ml(seen, made, bench, in_attitudes(spins, attitudes(angles)))
+    assert_nees(found, exact(TRUTH, made))
 
 
 def turn(rotvec: Array) -> Array:

@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.centrifuge import RATES, Triad, full_circle, sensed_motion
 from tests.base_seeds import evidence, most_alarms
+from tests.methods.each_trial import estimate_each
 from tests.methods.test_centrifuge_norm import BENCH, NOISE, TRUTH, table
 
 from inercal.estimation import Estimate
@@ -44,11 +45,9 @@ def suspect(estimate: Estimate) -> str:
 
 
 def said(triad: Triad, devices: int, first: int = 0) -> Counter[str]:
-    found: Counter[str] = Counter()
-    for seed in range(first, first + devices):
-        seen, sensor, spins = table(*outputs(triad, seed))
-        found[suspect(ml(seen, sensor, BENCH, spins))] += 1
-    return found
+    drawn = [outputs(triad, seed) for seed in range(first, first + devices)]
+    seen, sensor, spins = table(np.array([output for output, _ in drawn]), drawn[0][1])
+    return Counter(map(suspect, estimate_each(ml, seen, sensor, BENCH, spins)))
 
 
 def test_a_k3_of_a_nano_g_that_is_left_out_is_seen():

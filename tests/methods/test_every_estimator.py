@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.base_seeds import slow
 from tests.magnetometer import generator
 from tests.magnetometer.calibrations import FIELD_NAMES, coefficients
 from tests.magnetometer.motion import motion
@@ -126,9 +127,12 @@ def followed(
     )
 
 
+# The truth comes out without noise in test_ship_global, test_systematic, test_systematic_filter and
+# test_turntable_trajectory too.
+SHOWN_ELSEWHERE = ("global", "batch", "kalman", "trajectory")
 # The estimator of `field_and_rates` only states what is known before; see the next test.
 CASES = [
-    (name, estimator)
+    slow(name, estimator) if estimator in SHOWN_ELSEWHERE else (name, estimator)
     for name, m in METHODS.items()
     if "m" not in m.needs
     for estimator in m.estimators

@@ -6,6 +6,7 @@ Sessions are made by `tests.accuracy.handheld`, which imports nothing of inercal
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -79,6 +80,7 @@ def truth(device: Imu, sensor: Sensor, **more: float) -> Array:
     return np.array([named[name] for name in sensor.coefficients])
 
 
+@cache
 def session(positions: int = 12, seed: int = 80) -> tuple[Rests, Array]:
     """Return rests whose transitions lack the fifth, and x near the truth but at random."""
     rng = np.random.default_rng(seed)
@@ -190,7 +192,7 @@ def dense_noise(rests: Rests, x: Array) -> Callable[[Scatter], Array]:
 
 
 def test_the_band_whitens_the_dense_covariance_of_all_rows():
-    rests, x = session()
+    rests, x = session(positions=9)
     rows = rests.rows(x)
     covariance = dense_noise(rests, x)
     r = len(rows.norm.residual)

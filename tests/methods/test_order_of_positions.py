@@ -1,6 +1,7 @@
 """Steps, hysteresis and a constant vibration in six positions: told where they cannot be seen."""
 
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,11 @@ def calibrated(order: Sequence[str], effect: str = "", size: float = 0.0, seed: 
     )
 
 
+@cache
+def usual_session() -> Outcome:
+    return calibrated(SIX)
+
+
 def unseen(outcome: Outcome) -> dict[str, str]:
     """Return what is told to be unseen, with what would show it."""
     told = [one.message for one in outcome.findings if one.what == "unseen"]
@@ -80,7 +86,7 @@ def unseen(outcome: Outcome) -> dict[str, str]:
 
 @pytest.mark.parametrize(("effect", "size"), [("step", 2 * MG), ("before", MG), ("sense", MG)])
 def test_six_positions_tell_an_effect_of_their_order_that_they_cannot_see(effect: str, size: float):
-    usual = calibrated(SIX).calibration
+    usual = usual_session().calibration
     moved = [calibrated(SIX, effect, size, seed) for seed in range(6)]
     quiet = [one for one in moved if one.verdict.grade == "consistent"]
     assert len(quiet) >= 4
@@ -98,13 +104,14 @@ def test_positions_that_are_visited_again_show_it(effect: str, size: float, more
         assert calibrated((*SIX, *more), effect, size, seed).verdict.grade != "consistent"
 
 
-def test_positions_that_are_visited_again_raise_no_false_alarm():
-    grades = [calibrated((*SIX, *SIX[::-1]), seed=seed).verdict.grade for seed in range(20)]
-    assert grades.count("consistent") >= 19
+@pytest.mark.parametrize("sessions", [8, evidence(20)])
+def test_positions_that_are_visited_again_raise_no_false_alarm(sessions: int):
+    grades = [calibrated((*SIX, *SIX[::-1]), seed=seed).verdict.grade for seed in range(sessions)]
+    assert grades.count("consistent") >= sessions - 1
 
 
 def test_a_size_that_is_told_shifts_a_coefficient_by_five_u():
-    outcome = calibrated(SIX)
+    outcome = usual_session()
     told = next(o.message for o in outcome.findings if EFFECTS["step"] in o.message)
     size = float(told.partition(": ")[2].partition(" µg")[0]) * 1e-6
     usual = outcome.calibration

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from tests.methods.systematic_cases import (
 from tests.refusals import refused
 
 from inercal.basics.errors import InputError, NotObserved
-from inercal.estimation import Gaussian
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods.systematic import segments as segments_module
 from inercal.methods.systematic.alignment import MAX_DISAGREEMENT, largest_force_angle
 from inercal.methods.systematic.generalised_least_squares import solve
@@ -38,6 +39,7 @@ NOMINAL = made.Table(rest=12.0, first=12.0, last=12.0, tilt=0.0, skew=0.0, angle
 SHORT = made.Table(rest=12.0, first=12.0, last=12.0)
 
 
+@cache
 def device(
     grade: str,
     seed: int = 1,
@@ -50,6 +52,14 @@ def device(
     truth, lag = made.draw_truth(made.GRADES[grade], rng)
     noise = made.GRADES[grade] if noisy else None
     return made.record(truth, lag, table, rng, rate_hz=rate_hz, grade=noise, **how)
+
+
+@cache
+def whole_session() -> tuple[made.Recorded, Estimate]:
+    """Return a device of navigation grade on the whole path, and its estimate."""
+    table = made.Table()
+    recorded = device("N", table=table)
+    return recorded, solved(recorded, sensor_of(made.NAVIGATION), table_of(table))
 
 
 def segments_of(recorded: made.Recorded, sensor: Any) -> Segments:
@@ -191,9 +201,7 @@ def test_terms_that_a_cube_does_not_tell_are_refused_without_a_prior(term: str):
 
 
 def test_with_asymmetry_beside_k2_a_cube_leaves_both_open():
-    table, plain = made.Table(), sensor_of(made.NAVIGATION)
-    recorded = device("N", table=table)
-    alone = solved(recorded, plain, table_of(table))
+    table, (recorded, alone) = made.Table(), whole_session()
     sensor = sensor_of(made.NAVIGATION, also=("k1_prime",))
     loose = Gaussian.independent(tuple(f"a{axis}.k1_prime" for axis in "xyz"), 0.0, 1.0)
     both = solved(recorded, sensor, table_of(table), priors=(loose,))
@@ -262,8 +270,7 @@ def test_beyond_85_degrees_of_latitude_it_is_refused():
 
 def test_gravity_that_is_wrong_moves_scale_factors_and_nothing_shows_it():
     table, sensor = made.Table(), sensor_of(made.NAVIGATION)
-    recorded = device("N", table=table)
-    right = solved(recorded, sensor, table_of(table))
+    recorded, right = whole_session()
     wrong = solved(recorded, sensor, table_of(table, gravity=made.G * (1 + 40e-6)))
     shift = wrong.value - right.value
     k1 = [sensor.coefficients.index(f"a{axis}.k1") for axis in "xyz"]
@@ -292,9 +299,7 @@ def test_gravity_and_latitude_enter_as_shared_errors():
         by = estimate.sensitivity(name, 4e-4 if name == "g" else 1e-4)
         assert by is not None
         segments = segments_of_track(seen.track, seen.labels, sensor)
-        one, other = (
-            solve(segments, sensor, table_of(table, **changed)) for changed in ({}, moved)
-        )
+        one, other = whole_session()[1], solve(segments, sensor, table_of(table, **moved))
         p = len(sensor.coefficients)
         shift = (other.value - one.value)[:p]
         assert (np.abs(shift - step * by[:p]) < 0.02 * one.std[:p] + 0.01 * np.abs(shift)).all()

@@ -1,6 +1,7 @@
 """The Kalman form of systematic calibration: values, uncertainties, refusals, live estimate."""
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -20,12 +21,13 @@ from tests.methods.systematic_cases import (
 from tests.refusals import refused
 
 from inercal.basics.errors import InputError, NotObserved
-from inercal.estimation import Gaussian
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods.systematic.filter_estimators import LiveNavigation, solve_by_filter
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Track
 
 SHORT = made.Table(rest=12.0, first=12.0, last=12.0)
+SENSOR = sensor_of(made.TACTICAL)
 # Stated deviations of the filter with a velocity of rests known to 0.01 mm/s, navigation grade, in
 # the units of the tables, from an independent program
 KNOWN = {
@@ -35,6 +37,7 @@ KNOWN = {
 }  # fmt: skip
 
 
+@cache
 def device(
     grade: str, seed: int = 1, table: made.Table = SHORT, *, noisy: bool = True, rate: float = 20.0
 ) -> made.Recorded:
@@ -42,6 +45,13 @@ def device(
     truth, lag = made.draw_truth(made.GRADES[grade], rng)
     noise = made.GRADES[grade] if noisy else None
     return made.record(truth, lag, table, rng, grade=noise, rate_hz=rate)
+
+
+@cache
+def tactical() -> tuple[made.Recorded, Estimate]:
+    """Return a device of tactical grade, and its estimate by the filter."""
+    recorded = device("T", 3)
+    return recorded, solved(recorded, SENSOR, table_of(SHORT), estimator="kalman")
 
 
 def track_of(recorded: made.Recorded, sensor: Sensor) -> Track:
@@ -61,10 +71,8 @@ def test_without_noise_the_filter_finds_every_coefficient(grade: str):
 
 
 def test_filter_and_batch_agree_and_the_batch_is_no_worse():
-    sensor, recorded = sensor_of(made.TACTICAL), device("T", seed=3)
-    by_filter, batch = (
-        solved(recorded, sensor, table_of(SHORT), estimator=name) for name in ("kalman", "batch")
-    )
+    sensor, (recorded, by_filter) = SENSOR, tactical()
+    batch = solved(recorded, sensor, table_of(SHORT))
     p = len(sensor.coefficients) + 1
     u, least = (np.sqrt(np.diag(one.covariance))[:p] for one in (by_filter, batch))
     assert np.all(least < 1.05 * u)
@@ -96,9 +104,8 @@ def test_deviations_are_those_of_an_independent_filter_and_cover_the_errors(grad
 
 
 def test_a_prior_is_part_of_the_estimate():
-    sensor, recorded = sensor_of(made.TACTICAL), device("T", seed=4)
+    sensor, (recorded, plain) = SENSOR, tactical()
     k = sensor.coefficients.index("gx.scale")
-    plain = solved(recorded, sensor, table_of(SHORT), estimator="kalman")
     stated = Gaussian.independent(("gx.scale",), [plain.value[k]], [1e-6])
     with_prior = solved(recorded, sensor, table_of(SHORT), priors=(stated,), estimator="kalman")
     assert np.sqrt(with_prior.covariance[k, k]) == pytest.approx(1e-6, rel=0.01)
@@ -168,16 +175,14 @@ def test_a_live_run_needs_both_triads():
 
 
 def test_what_is_stated_of_gravity_and_latitude_is_part_of_u():
-    sensor, recorded = sensor_of(made.TACTICAL), device("T", seed=6)
+    sensor, (recorded, without) = SENSOR, tactical()
     exact = table_of(SHORT)
     stated = replace(
         exact,
         gravity=replace(exact.gravity, sd=4e-4),
         latitude=replace(exact.latitude, sd=np.radians(0.5)),
     )
-    without, by_filter = (
-        solved(recorded, sensor, one, estimator="kalman") for one in (exact, stated)
-    )
+    by_filter = solved(recorded, sensor, stated, estimator="kalman")
     batch = solved(recorded, sensor, stated)
     assert {"g", "latitude"} <= set(by_filter.names)
     assert not {"g", "latitude"} & set(without.names)
@@ -255,7 +260,7 @@ def test_a_lag_of_several_samples_is_found():
 def test_lever_arms_that_are_left_out_are_seen_in_the_turns():
     full = sensor_of(made.TACTICAL)
     kept = [name for name in full.coefficients if ".arm_" not in name]
-    table, recorded = made.Table(), device("T", 4, made.Table())
+    recorded = device("T", 4)
     left = sensor_of(made.TACTICAL, coefficients=kept)
-    assert verdict_of("T", recorded, table_of(table), left) < 1e-6
-    assert verdict_of("T", recorded, table_of(table), full) > 0.001
+    assert verdict_of("T", recorded, table_of(SHORT), left) < 1e-6
+    assert verdict_of("T", recorded, table_of(SHORT), full) > 0.001

@@ -37,6 +37,7 @@ def drawn(
     return turntable.draw(1000 * seed, 2, PATH, table=table, device=device, hz=hz)
 
 
+@cache
 def found(
     draw: turntable.Draw,
     of: Sensor | None = None,

@@ -50,14 +50,14 @@ HELD = 3.5 * ARCSEC  # the note's error of each hold
 
 @pytest.fixture(scope="module")
 def made() -> turntable.Draw:
-    return turntable.draw(1, 3, SHORT)
+    return turntable.draw(1, 2, SHORT)
 
 
 @pytest.fixture(scope="module")
 def smooth() -> turntable.Draw:
     # A table that is not late, as the note takes a delay in first order, and whose moves do not all
     # begin suddenly at a sample: there a parabola is off by as much as it ever is.
-    return turntable.draw(1, 3, SHORT, table=turntable.Table(latency=0.0, jerk=radians(300)))
+    return turntable.draw(1, 2, SHORT, table=turntable.Table(latency=0.0, jerk=radians(300)))
 
 
 Dense = Callable[[int], tuple[FilterOutcome, list[Step]]]
@@ -98,7 +98,7 @@ def test_gyros_filter_is_the_notes(
     made, (dense, _) = smooth, of_gyros(states)
     # Without an azimuth to doubt: the note has no such state.
     stated = bench(azimuth=replace(bench().azimuth, sd=0.0))
-    for k in range(3):
+    for k in range(2):
         one = track(made).trial(k)
         ours = GyroFilter.from_track(
             sensor(), stated, one, bias_drift=chosen, table="lean" if chosen else "exact",
@@ -122,7 +122,7 @@ def test_accelerometers_filter_is_the_notes(
     dense, _ = of_accelerometers(states)
     # The note's 3.5″ of each hold by right angles alone would differ between holds: no harmonics,
     # and both leans and right angles as large as give it.
-    for k in range(3):
+    for k in range(2):
         one = track(made).trial(k)
         hold = np.where(np.isin(made.labels, [f"p{n + 1}" for n in range(10)]), one.hold, -1)
         ours = AccelerometerFilter.from_track(
@@ -159,7 +159,7 @@ def test_the_gyros_way_back_is_that_of_the_notes_filter(smooth: turntable.Draw, 
     made, (_, steps) = smooth, of_gyros(19)
     exact = dense_smoothed(steps)
     stated = bench(azimuth=replace(bench().azimuth, sd=0.0))
-    for k in range(3):
+    for k in range(2):
         one = track(made).trial(k)
         ours = replace(
             GyroFilter.from_track(sensor(), stated, one, table="lean", readback_sd=4 * ARCSEC),
@@ -174,7 +174,7 @@ def test_the_accelerometers_way_back_is_that_of_the_notes_filter(
 ):
     _, steps = of_accelerometers(25)
     exact = dense_smoothed(steps)
-    for k in range(3):
+    for k in range(2):
         one = track(made).trial(k)
         hold = np.where(np.isin(made.labels, [f"p{n + 1}" for n in range(10)]), one.hold, -1)
         inside = Track(one.time, one.reading, one.angles, hold)
@@ -281,7 +281,7 @@ def test_both_filters_make_one_estimate_in_the_sensors_order(made: turntable.Dra
     names = sensor().coefficients
     assert estimate.names[:24] == names
     assert {"latency", "azimuth", "square_1", "sin1[outer]", "lean_x"} <= set(estimate.names)
-    assert estimate.value.shape == (3, len(estimate.names))
+    assert estimate.value.shape == (2, len(estimate.names))
     off = (estimate.value[:, :24] - truth(made, names)) / estimate.std[:, :24]
     assert np.sqrt(np.mean(off**2)) < 1.3
     assert [one.name for one in estimate.courses] == ["gyros", "accelerometers"]
@@ -393,7 +393,7 @@ def test_gravity_that_is_not_known_well_is_in_every_scale_factor(made: turntable
     stated = bench(gravity=replace(g, sd=40e-6 * g.value))
     loose = METHOD.estimator("full")(seen, sensor(), stated, ()).select(["ax.k1", "ay.k1"])
     added = loose.covariance - sharp.covariance
-    assert added == pytest.approx(np.full((3, 2, 2), (40e-6) ** 2), rel=0.05)
+    assert added == pytest.approx(np.full((2, 2, 2), (40e-6) ** 2), rel=0.05)
 
 
 class Judged(NamedTuple):

@@ -33,6 +33,7 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
 PATH = [("home", (0, 0, 0), 20.0), *made_by.turns()]
+BRIEF = [("home", (0, 0, 0), 20.0), *made_by.turns(360.0, 30.0)]
 RESTS = ("home", "rest")
 QUIET = made_by.Grade(0, 0, 0, 0)
 PLAIN = made_by.Table(
@@ -251,7 +252,7 @@ def test_samples_that_were_lost_cost_only_what_they_would_have_said():
 
 def test_attitudes_at_the_ends_of_whole_turns_alone_leave_six_directions_open():
     made = sensor()
-    draw = made_by.draw(7, 1, PATH, hz=50.0)
+    draw = made_by.draw(7, 1, BRIEF, hz=50.0)
     seen, part = gyros(draw, made)
     ends = [np.flatnonzero(draw.labels == name)[[0, -1]] for name in ("x+", "y+", "z+", "rest")]
     epochs = np.unique(np.concatenate([[0], *ends])).astype(np.int64)
@@ -264,7 +265,7 @@ def test_attitudes_at_the_ends_of_whole_turns_alone_leave_six_directions_open():
 
 def test_an_axis_that_was_never_turned_is_refused_unless_a_prior_says_what_it_is():
     made = sensor()
-    path = [step for step in PATH if step[0] not in ("x+", "y+")]
+    path = [step for step in BRIEF if step[0] not in ("x+", "y+")]
     draw = made_by.draw(8, 1, path, hz=25.0)
     seen, part = gyros(draw, made)
     with pytest.raises(NotObserved) as refusal:
@@ -277,7 +278,7 @@ def test_an_axis_that_was_never_turned_is_refused_unless_a_prior_says_what_it_is
 
 def test_means_alone_or_a_track_without_rest_are_refused():
     made = sensor()
-    draw = made_by.draw(9, 1, PATH, hz=25.0)
+    draw = made_by.draw(9, 1, BRIEF, hz=25.0)
     seen = observations(draw, made, RESTS)
     with refused(key="track"):
         trajectory(replace(seen, track=None), made, BENCH, ())

@@ -45,8 +45,8 @@ def test_a_mems_gyro_is_found_within_three_uncertainties():
 
 def test_values_do_not_depend_on_the_unit_of_the_readings():
     y = draw(replace(MEMS, n=8192), 4)[0]
-    one = inercal.analyse_noise(recording(y, 0.25))
-    other = inercal.analyse_noise(recording(np.degrees(y), 0.25, "°/s"))
+    one = inercal.analyse_noise(recording(y, 0.25), terms="NBK", kinds=())
+    other = inercal.analyse_noise(recording(np.degrees(y), 0.25, "°/s"), terms="NBK", kinds=())
     assert coefficient(one, "N").value == pytest.approx(coefficient(other, "N").value, rel=1e-6)
 
 
@@ -63,9 +63,9 @@ def test_readings_rounded_to_coarse_steps_are_refused_below_0_4_and_named_below_
     y = rng.standard_normal(20_000)
     with pytest.raises(InputError, match="rounding hides the noise"):
         inercal.analyse_noise(recording(np.round(y * 0.3), 0.01))
-    fine = inercal.analyse_noise(recording(np.round(y * 0.45), 0.01))
+    fine = inercal.analyse_noise(recording(np.round(y * 0.45), 0.01), terms="N", kinds=())
     assert any("rounding steps" in text for text in fine.channels[0].remarks)
-    finer = inercal.analyse_noise(recording(np.round(y * 2), 0.01))
+    finer = inercal.analyse_noise(recording(np.round(y * 2), 0.01), terms="N", kinds=())
     assert not any("rounding" in text for text in finer.channels[0].remarks)
 
 
@@ -136,14 +136,14 @@ def test_lost_single_samples_are_closed_up_and_long_gaps_part_the_recording():
     rng = np.random.default_rng(2)
     single = np.ones(y.size, dtype=bool)
     single[rng.choice(y.size - 2, 60, replace=False) + 1] = False
-    found = inercal.analyse_noise(whole.take(single))
+    found = inercal.analyse_noise(whole.take(single), terms="N", kinds=())
     assert found.remarks[0].startswith("60 lost samples")
     long = np.ones(y.size, dtype=bool)
     long[3000:3240] = False
-    parted = inercal.analyse_noise(whole.take(long))
+    parted = inercal.analyse_noise(whole.take(long), terms="N", kinds=())
     assert "2 pieces" in parted.remarks[0]
     assert len(parted.channels[0].bins.spectra) == 2
-    both = inercal.analyse_noise(whole.take(single & long))
+    both = inercal.analyse_noise(whole.take(single & long), terms="N", kinds=())
     assert both.remarks[0].startswith("58 lost samples")
     assert len(both.channels[0].bins.spectra) == 2
 

@@ -86,9 +86,9 @@ def test_the_allan_variance_behind_a_pole_is_that_of_simulated_readings():
     ("kind", "cutoff", "rate", "shape"),
     [
         ("pole", 5, 100, "one pole"),
-        ("pole", 42, 100, "one pole"),
+        evidence("pole", 42, 100, "one pole"),
         ("pole, digital", 20, 100, "one pole, digital"),
-        ("average", 2, 100, "average of 2"),
+        evidence("average", 2, 100, "average of 2"),
         ("average", 4, 100, "average of 4"),
         ("Butterworth", 20, 200, "Butterworth, digital"),
     ],
@@ -234,7 +234,7 @@ def test_a_time_constant_at_the_edge_of_its_grid_has_no_uncertainty():
 
 def test_what_is_not_significant_has_an_interval_with_zero():
     absent = 0
-    for seed in range(6):
+    for seed in range(3):
         y = draw(MEMS.without(n=2048), seed)[0]
         one = Recording(0.25 * np.arange(y.size), y[:, None], ("gx",), ("rad/s",))
         (found,) = inercal.analyse_noise(one, kinds=()).channels

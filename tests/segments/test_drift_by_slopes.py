@@ -6,6 +6,7 @@ The recordings are those of `tests.evidence.cases.hand_recordings`, which know n
 import numpy as np
 import pytest
 from scipy.special import chdtri
+from tests.base_seeds import evidence
 from tests.evidence import graded_calibration
 from tests.evidence.cases import hand_recordings
 from tests.evidence.graded_calibration import GradedCalibration
@@ -34,11 +35,12 @@ def counted(drift: float, sessions: int, seed: int) -> tuple[float, float, int]:
     return float(np.mean([one.nees for one in found])), beyond / total, len(quiet)
 
 
-def test_a_session_without_a_drift_errs_as_stated():
-    nees, _, quiet = counted(0.0, 24, 3)
-    dof = 12 * 24
+@pytest.mark.parametrize("sessions", [10, evidence(24)])
+def test_a_session_without_a_drift_errs_as_stated(sessions: int):
+    nees, _, quiet = counted(0.0, sessions, 3)
+    dof = 12 * sessions
     assert float(chdtri(dof, 0.9995)) / dof < nees < float(chdtri(dof, 0.0005)) / dof
-    assert quiet >= 23
+    assert quiet >= sessions - 1
 
 
 @pytest.mark.evidence

@@ -2,6 +2,9 @@
 
 import subprocess
 import sys
+from contextlib import redirect_stdout
+from functools import cache
+from io import StringIO
 from os import environ
 
 import numpy as np
@@ -44,12 +47,18 @@ def of_samples(data: Array, window: int, these: slice = slice(None)) -> Array:
     return out
 
 
+@cache
+def of_recorded(window: int, start: int = 0, stop: int = 3) -> Array:
+    """Return the same of some of the columns of `recorded()`."""
+    return of_samples(recorded(), window, slice(start, stop))
+
+
 @pytest.mark.parametrize("window", WINDOWS)
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_the_scatter_of_each_sample_is_that_of_its_own_window(window: int, order: str):
     data = np.asarray(recorded(), order="F" if order == "F" else "C")
     found = _kernels.window_variances(data, COLUMNS, WEIGHT, SEGMENTS, window)
-    expected = of_samples(data, window)
+    expected = of_recorded(window)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-14 * expected.max())
 
 
@@ -128,8 +137,8 @@ def test_runs_are_those_of_the_samples_whose_windows_are_quiet(window: int, shor
     limit = np.array([3.0, 50.0])
     ends = np.array([1, 3])
     quiet = np.ones(len(data), dtype=np.bool_)
-    for these, most in ((slice(0, 1), limit[0]), (slice(1, 3), limit[1])):
-        quiet &= of_samples(data, window, these) < most
+    for start, stop, most in ((0, 1, limit[0]), (1, 3, limit[1])):
+        quiet &= of_recorded(window, start, stop) < most
     expected: list[tuple[int, int]] = []
     for start, stop in SEGMENTS[SEGMENTS[:, 1] - SEGMENTS[:, 0] >= window]:
         edges = np.flatnonzero(np.diff(np.r_[False, quiet[start:stop], False].astype(np.int8)))
@@ -167,16 +176,16 @@ print([counts.tolist() for counts in _kernels.variance_histogram(*given, 1e-3, 1
 ends, limit = np.array([1, 2]), np.array([4.0, 4.0])
 print(_kernels.rest_runs(*given[:3], ends, limit, *given[3:], 5).tolist())
 """
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", code],
-            env={**environ, "NUMBA_DISABLE_JIT": off},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout.splitlines()
-        for off in "01"
-    ]
+    uncompiled = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    with redirect_stdout(StringIO()) as compiled:
+        exec(code, {})
+    said = [text.splitlines() for text in (compiled.getvalue(), uncompiled)]
     assert said[0][1:] == said[1][1:]
     sums = [[float.fromhex(number) for number in lines[0].split()] for lines in said]
     assert sums[0] == pytest.approx(sums[1], rel=1e-12)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.accuracy import centrifuge as independent
+from tests.base_seeds import SEEDS
 
 from inercal.estimation import least_squares
 from inercal.methods.centrifuge_norm import RATES, closed_formulas
@@ -27,7 +28,6 @@ from inercal.studies.centrifuge import (
 from inercal.studies.centrifuge.simulated_centrifuge import TRUTH
 
 Array = NDArray[np.float64]
-SEEDS = [1, 2, 3]
 
 
 @pytest.fixture(scope="module", params=SEEDS)

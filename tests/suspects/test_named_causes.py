@@ -202,7 +202,7 @@ def switched_between_sections(seed: int, folder: Path) -> Outcome:
 
 
 def test_gyros_that_were_switched_on_anew_before_each_section_are_named(tmp_path: Path):
-    for seed in range(4):
+    for seed in range(2):
         verdict = switched_between_sections(seed, tmp_path).verdict
         assert verdict.suspect is not None
         assert verdict.suspect.name == "turn_on"
@@ -246,7 +246,7 @@ def test_a_session_by_hand_tests_gravity_latitude_and_clock_as_stated():
 
 
 def test_a_warm_up_on_a_ramp_is_named_with_its_key():
-    for seed in range(3):
+    for seed in range(2):
         made = ramps.record(
             np.random.default_rng(seed),
             ramps.PROFILES["up and down, 2 × 30 min"](),

@@ -4,6 +4,7 @@ from math import sqrt
 
 import numpy as np
 import pytest
+from tests.base_seeds import sampled
 
 from inercal.estimation.uncertainty.control_charts import chart_limits, chart_values
 from inercal.estimation.uncertainty.cusum import (
@@ -90,10 +91,11 @@ def test_charts_signal_where_the_statistics_of_the_textbook_do():
     )
 
 
-def test_the_error_of_the_reference_does_not_average_in_the_charts(seed: int):
+@pytest.mark.parametrize(("seed", "runs"), sampled(150, 400))
+def test_the_error_of_the_reference_does_not_average_in_the_charts(seed: int, runs: int):
     """The error of the mean of m points is common to all later points: w keeps all of it."""
     rng = np.random.default_rng(seed)
-    runs, n, m = 400, 60, 10
+    n, m = 60, 10
     last = []
     for _ in range(runs):
         d = rng.standard_normal((n, 2)) - rng.standard_normal(2) / sqrt(m)
