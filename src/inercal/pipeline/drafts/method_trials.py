@@ -150,7 +150,7 @@ def try_methods(
         run_file = folder / "draft"
         try:
             with _existing(folder):
-                outcome = calibrate_run(from_sections(run_file, content, ""))
+                outcome = calibrate_run(from_sections(run_file, content, ""), advise=False)
         except InercalError as error:
             reason = str(error).removeprefix(f"{run_file}: ")
             reason = reason.partition(" (undetermined combinations")[0]
