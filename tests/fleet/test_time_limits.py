@@ -160,7 +160,10 @@ def hang(line: Line, out: results.ResultWriter, work: Sequence[Work]) -> BatchDo
 
 
 def check_that_hangs_are_named(folder: Path, executor: TolerantExecutor) -> None:
-    """Limit the time of the sensors that hang, known by their size; a busy machine delays others."""
+    """Limit the time only of the sensors that hang, because a busy machine delays the others.
+
+    They are known by the size of their recordings.
+    """
     make_line(folder, 9)
     for name in HANGING:
         write_recording(folder / "recordings" / f"{name}.npz", 1, 101)
