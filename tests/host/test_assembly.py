@@ -66,7 +66,7 @@ def whole(run: Run, logged: list[LogFrame]) -> tuple[SampleAssembler, SampleBloc
 
 def schedules(logged: list[LogFrame]) -> Iterator[list[int]]:
     rng, n = np.random.default_rng(5), len(logged)
-    ends = [next(k for k, one in enumerate(logged) if one.time > when) for when in AWAY]
+    ends = np.searchsorted([one.time for one in logged], AWAY).tolist()
     # One by one where the host goes and comes back.
     single = {k for end in ends for k in range(end - 200, end + 200)}
     yield sorted({*range(20, n, 20), *single} & {*range(1, n)})
