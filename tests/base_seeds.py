@@ -4,7 +4,6 @@ from collections.abc import Collection, Iterable
 from typing import Any
 
 import pytest
-from scipy.stats import binom
 
 
 def evidence(*values: Any) -> Any:
@@ -38,4 +37,6 @@ def chosen(cases: Iterable[Any], representative: Collection[Any]) -> list[Any]:
 
 def most_alarms(devices: int, share: float) -> int:
     """Return the upper end of the two-sided 99.9 % band of how many of the devices alarm."""
+    from scipy.stats import binom  # loaded where it is used: it takes a second
+
     return int(binom.ppf(0.9995, devices, share))

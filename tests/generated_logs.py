@@ -1,6 +1,7 @@
 """Logs of imaginary devices, written by formulas that import nothing of inercal."""
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -24,6 +25,7 @@ def _turn(angle: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sin(size) * k + (1 - np.cos(size)) * k @ k
 
 
+@cache
 def by_hand(
     seed: int, rests: int = 16, hz: float = 100.0, still: float = 2.5
 ) -> dict[str, np.ndarray]:

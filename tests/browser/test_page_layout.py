@@ -89,7 +89,8 @@ def require_whole(page: Page, name: str, size: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [slow(one) if one in ("finished", "manual") else one for one in SCENES]
+    "name",
+    [slow(one) if one in ("finished", "manual", "manual with an alarm") else one for one in SCENES],
 )
 def test_laptop_and_phone_cut_nothing_off_and_show_what_each_has_room_for(
     page: Page, scripted: ScriptedServer, name: str

@@ -53,7 +53,7 @@ def stroke_count(path: Path) -> int:
         )
 
 
-@pytest.mark.parametrize("language", [slow(x) if x == "de" else x for x in LANGUAGES])
+@pytest.mark.parametrize("language", [x if x == "en" else slow(x) for x in LANGUAGES])
 def test_a_signed_certificate_says_so_in_place_of_the_line_for_a_signature(
     language: Language,
     laboratory: Laboratory,
@@ -158,7 +158,7 @@ def test_damaged_certificates_are_never_verified(signed: Path, keys: Path):
         whole = file.read_bytes()
         # The place of the signature itself ends with zeros, which are no part of anything.
         place_of_signature = range(start := whole.find(b"/Contents <"), whole.find(b">", start))
-        for _ in range(25):
+        for _ in range(12):
             content = bytearray(whole)
             place = int(rng.integers(100, len(content) - 400))
             if place in place_of_signature:

@@ -8,10 +8,10 @@ from tests.program import run_program
 
 
 def test_page_and_summary(tmp_path: Path):
-    write_line(tmp_path / "line", 300, Truth(outliers=1, lot_size=50))
+    write_line(tmp_path / "line", 100, Truth(outliers=1, lot_size=50))
     ended = run_program("fleet", "report", tmp_path / "line")
     assert ended.status == 0
-    assert "300 sensors" in ended.output
+    assert "100 sensors" in ended.output
     assert "S000000" in ended.output  # the outlier
     html = (tmp_path / "line" / "report.html").read_text(encoding="utf-8")
     assert "<h1>line</h1>" in html

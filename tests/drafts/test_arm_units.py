@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests import generated_logs as logs
+from tests.base_seeds import evidence
 from tests.drafts.test_kinds_of_logs import chosen, drafted
 
 from inercal.basics.errors import InputError
@@ -19,7 +20,10 @@ def arm(folder: Path, unit: str, scale: float = 1.0) -> Path:
     return logs.write(folder / "arm.csv", ("position", "rate", "ax", "ay", "az"), columns)
 
 
-@pytest.mark.parametrize(("unit", "scale"), [*((unit, 1.0) for unit in UNITS), ("°/s", 4321.0)])
+@pytest.mark.parametrize(
+    ("unit", "scale"),
+    [("rpm", 1.0), ("°/s", 4321.0), evidence("rad/s", 1.0), evidence("rev/s", 1.0)],
+)
 def test_the_unit_of_the_rate_follows_from_norms_if_no_name_states_it(
     unit: str, scale: float, tmp_path: Path
 ):

@@ -107,33 +107,31 @@ def test_answers_in_a_terminal_are_used(tmp_path: Path, monkeypatch: pytest.Monk
     assert {one.dotted: one.value for one in draft.entries}["sensor.gyro.unit_assumed"] is True
 
 
-def test_a_stated_key_of_the_method_replaces_the_drafted_one(tmp_path: Path):
-    stated = ("--set", 'method.also=["k2"]', "--no-report")
-    assert run_program("calibrate", hand_held(tmp_path), "-o", tmp_path, *stated).status == 0
-    assert "ax.k2" in values(tmp_path / "imu.calibration.json")
-    assert parse_toml((tmp_path / "imu.toml").read_bytes())["method"]["also"] == ["k2"]
+def means(folder: Path) -> Path:
+    return logs.write(folder / "poses.csv", ("ax", "ay", "az"), [*logs.poses(3, 20).T])
 
 
-def test_values_stated_for_a_table_of_means_stay(tmp_path: Path):
-    means = logs.poses(3, 20)
-    log = logs.write(tmp_path / "poses.csv", ("ax", "ay", "az"), [*means.T])
+def test_stated_values_stay_and_a_key_of_the_method_replaces_the_drafted_one(tmp_path: Path):
     place = {"latitude": "48.1 °", "height": "520 m"}
     stated = [text for key, one in place.items() for text in ("--set", f"bench.{key}={one}")]
-    done = run_program("calibrate", log, "-o", tmp_path, "--no-report", *stated)
+    stated += ["--set", 'method.also=["k2"]', "--no-report"]
+    done = run_program("calibrate", means(tmp_path), "-o", tmp_path, *stated)
     assert done.status == 0, done.error
+    assert "ax.k2" in values(tmp_path / "poses.calibration.json")
     drafted = parse_toml((tmp_path / "poses.toml").read_bytes())
     assert drafted["bench"] | place == drafted["bench"]
+    assert drafted["method"]["also"] == ["k2"]
 
 
 def test_a_run_file_of_before_is_kept(tmp_path: Path):
-    log = hand_held(tmp_path)
-    kept = tmp_path / "imu.toml"
+    log = means(tmp_path)
+    kept = tmp_path / "poses.toml"
     kept.write_text("# mine\n", encoding="utf-8")
     refused = run_program("calibrate", log, "-o", tmp_path)
     assert refused.status == 2
     assert kept.read_text("utf-8") == "# mine\n"
     assert run_program("calibrate", log, "-o", tmp_path, "--force", "--no-report").status == 0
-    assert values(tmp_path / "imu.calibration.json")
+    assert values(tmp_path / "poses.calibration.json")
 
 
 @pytest.mark.parametrize(

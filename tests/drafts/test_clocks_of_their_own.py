@@ -31,7 +31,7 @@ def field(at: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("form", "step"),
     [
-        ("matrices", 0.0103),
+        evidence("matrices", 0.0103),
         ("structs", 0.0052),
         evidence("matrices", 0.0052),
         evidence("structs", 0.0103),
@@ -92,7 +92,7 @@ def test_a_magnetometer_in_a_third_file_is_left_out(names: str, tmp_path: Path):
     assert_true(calibrated(draft), BIASES | GYRO_BIASES, k=4)
 
 
-@pytest.mark.parametrize("zone", ["", evidence("Z"), "+02:00"])
+@pytest.mark.parametrize("zone", [evidence(""), evidence("Z"), "+02:00"])
 def test_dates_of_two_files_are_paired(zone: str, tmp_path: Path):
     log, at, rate = both()
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.base_seeds import slow
+from tests.base_seeds import evidence, slow
 
 import inercal
 from inercal.basics.errors import InputError
@@ -122,7 +122,11 @@ def test_shared_recordings_need_one_answer_at_most(
     draft = draft_run_file(logs, tmp_path / "run.toml", stated) if stated else first
     assert not draft.questions
     assert expected.items() <= chosen(draft).items()
-    assert calibrated(draft).method == expected.get("method.name", "multi_position")
+    if case == "xsens":  # tests/accuracy calibrates it
+        assert draft.method is not None
+        assert draft.method.outcome is not None
+    else:
+        assert calibrated(draft).method == expected.get("method.name", "multi_position")
 
 
 def test_scales_of_counts_are_found_by_gravity_and_turns(xsens: Draft):
@@ -144,7 +148,7 @@ def test_gyros_alone_are_refused(data_dir: Path, tmp_path: Path):
     ("table", "run_file"),
     [
         ("six_position/positions.csv", "six_position/run.toml"),
-        ("six_position/soaks.csv", "six_position/soaks.toml"),
+        evidence("six_position/soaks.csv", "six_position/soaks.toml"),
         ("centrifuge/lab.csv", "centrifuge/lab.toml"),
         ("dividing_head/lab.csv", "dividing_head/lab.toml"),
         ("dividing_head/tumble.csv", "dividing_head/tumble.toml"),
@@ -199,7 +203,7 @@ def test_units_follow_from_gravity_or_from_names(
         assert found["sensor.accelerometer.scale"] == "16384 LSB/g"
 
 
-@pytest.mark.parametrize(("step", "unit"), [(10.0, "ms"), (10_000.0, "µs"), (1e7, "ns")])
+@pytest.mark.parametrize(("step", "unit"), [(10.0, "ms"), evidence(10_000.0, "µs"), (1e7, "ns")])
 def test_the_unit_of_time_follows_from_likely_rates(step: float, unit: str, tmp_path: Path):
     log = still_log(tmp_path / "log.csv", "time,ax,ay,az", 9.81, step=step)
     draft = draft_run_file([log], tmp_path / "run.toml")

@@ -21,7 +21,7 @@ from inercal.pipeline.drafts import draft_run_file
 
 NAMES = tuple(CASES)
 GRAVITIES = dict(zip(NAMES, gravities(len(NAMES)).tolist(), strict=True))
-FEW = NAMES[3::16]
+FEW = NAMES[3::24]
 FIRST_SEED = 2000
 
 

@@ -23,7 +23,7 @@ NAMES = ("ax", "ay", "az", "gx", "gy", "gz")
 
 @cache
 def hand() -> Hand:
-    return by_hand(HZ)
+    return by_hand(HZ, rests=14)
 
 
 def readings() -> Array:
@@ -69,7 +69,7 @@ STAMPS = {
 }
 
 
-@pytest.mark.parametrize("name", chosen(STAMPS, ["8 bits", "16 bits with a sign", "32 bits of µs"]))
+@pytest.mark.parametrize("name", chosen(STAMPS, ["16 bits with a sign", "32 bits of µs"]))
 def test_stamps_that_restart_are_unwrapped_by_one_key(tmp_path: Path, name: str):
     stamps, stated, modulus = STAMPS[name]
     columns = {column: values.tolist() for column, values in stamps.items()}
@@ -109,7 +109,7 @@ def test_a_clock_that_was_reset_is_not_unwrapped(tmp_path: Path):
         evidence((COUNT // 50).tolist()),
         (COUNT // 8 * 0.16).round(3).tolist(),
         evidence((COUNT // 8 * 160 + 1_700_000_000_000).tolist()),
-        [3.0] * len(COUNT),
+        evidence([3.0] * len(COUNT)),
     ],
     ids=["whole seconds", "bursts", "bursts in ms", "no clock"],
 )
@@ -174,7 +174,7 @@ def test_lines_are_skipped_while_a_run_file_is_drafted(tmp_path: Path):
     text = log.read_text("utf-8")
     log.write_text(f"1,2,3\n4,5,6\n{text}", encoding="utf-8")
     calibrated(log, {"data.skip": "2"}, tmp_path)
-    for above in ("1,2,3\n4,5,6\n", "a,b,c,d,e,f,g\n1,2,3,4,5,6,7\n", "x y z\n7\t8\t9\n"):
+    for above in ("a,b,c,d,e,f,g\n1,2,3,4,5,6,7\n", "x y z\n7\t8\t9\n"):
         log.write_text(above + text, encoding="utf-8")
         draft = draft_run_file([log], tmp_path / "run.toml", {"data.skip": "2"})
         assert ("data", "skip", 2) in [(one.section, one.key, one.value) for one in draft.entries]
@@ -185,14 +185,17 @@ def test_lines_are_skipped_while_a_run_file_is_drafted(tmp_path: Path):
 @pytest.mark.parametrize(
     ("name", "stated", "keys"),
     [
+        # Like the recordings above; a packet counter is the one form that they do not have.
         (
             "10_packet_counter_16bit.txt",
             {"data.rate": "25 Hz"},
             {"data.counter_modulus": 65536, "data.time_unit": "sample"},
         ),
-        ("10_micros_32bit.csv", {}, {"data.counter_modulus": 2**32, "data.time_unit": "µs"}),
-        ("11_whole_seconds.csv", {"data.rate": "25 Hz"}, {}),
-        (
+        evidence(
+            "10_micros_32bit.csv", {}, {"data.counter_modulus": 2**32, "data.time_unit": "µs"}
+        ),
+        evidence("11_whole_seconds.csv", {"data.rate": "25 Hz"}, {}),
+        evidence(
             "15_int16_as_uint16.csv",
             {"sensor.gyro.unit": "LSB", "sensor.gyro.scale": "65.5 LSB/(°/s)"},
             {"data.signed_bits": 16},

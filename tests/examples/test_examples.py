@@ -3,6 +3,7 @@
 import ast
 import json
 import os
+import runpy
 import shutil
 import subprocess
 import sys
@@ -191,17 +192,14 @@ def test_maximum_likelihood_agrees_with_imucal_within_its_uncertainty(
 
 
 def test_the_script_prints_a_verdict_and_leaves_a_calibration_and_a_report(
-    examples: Path, tmp_path: Path
+    examples: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ):
-    done = subprocess.run(
-        [sys.executable, "-W", "error", examples / "calibrate_in_python.py"],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONIOENCODING": "utf-8"},
-        capture_output=True,
-        encoding="utf-8",
-        check=True,
-    )
-    assert done.stdout.startswith("Consistent: the data agree")
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(examples / "calibrate_in_python.py"), run_name="__main__")
+    assert capsys.readouterr().out.startswith("Consistent: the data agree")
     calibration = inercal.load(tmp_path / "six_position.calibration.json")
     assert calibration.sensor.name == "accelerometer SN 0417"
     assert "<html" in (tmp_path / "six_position.report.html").read_text(encoding="utf-8")
@@ -227,7 +225,7 @@ def test_the_calibration_of_an_example_is_the_documented_json(examples: Path, tm
         assert key in page, key
 
 
-@pytest.mark.parametrize("name", [slow("five_years"), "first_interval"])
+@pytest.mark.parametrize("name", [slow("five_years"), slow("first_interval")])
 def test_the_register_guide_prints_what_its_examples_print_and_a_page_is_left(
     name: str, tmp_path: Path
 ):
@@ -246,18 +244,10 @@ def test_the_register_guide_prints_what_its_examples_print_and_a_page_is_left(
     assert all("<svg" in page.read_text(encoding="utf-8") for page in pages)
 
 
-def test_the_centrifuge_guide_prints_what_its_example_prints():
-    example = ROOT / "examples" / "centrifuge" / "in_python.py"
-    done = subprocess.run(
-        [sys.executable, str(example)],
-        env=os.environ | {"PYTHONIOENCODING": "utf-8"},
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        check=True,
-    )
+def test_the_centrifuge_guide_prints_what_its_example_prints(capsys: pytest.CaptureFixture[str]):
+    runpy.run_path(str(ROOT / "examples" / "centrifuge" / "in_python.py"), run_name="__main__")
     guide = (ROOT / "docs" / "how-to" / "centrifuge.md").read_text(encoding="utf-8")
-    assert f"```text\n{done.stdout}```" in guide
+    assert f"```text\n{capsys.readouterr().out}```" in guide
 
 
 def test_a_coefficient_left_out_is_the_suspect_and_estimated_the_data_agree(examples: Path):

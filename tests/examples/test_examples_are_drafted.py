@@ -130,6 +130,7 @@ _SLOW = {
     "check_standard/job.csv", "repeat/session_1.csv", "qualify/tumble.csv", "prior/QA_21.csv",
     "prior/pair.csv", "single_axis/record_player.csv", "measure/readings.txt", "imu.csv",
     "arm_run.csv", "soaks.npz", "rate_platform/imu.csv", "mimu_packets.csv table.csv",
+    "centrifuge/lab.csv", "ship_recording.csv", "pair.csv", "logs/ros.mcap",
 }  # fmt: skip
 _LIKE = ("fleet/recordings/A", "repeat/session_", "prior/", "logs/poses/", "arduino/")
 """Beginnings of the names of files of which one, or all together, is an example."""

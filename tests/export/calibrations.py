@@ -1,6 +1,7 @@
 """Calibrations to export, and readings over their range."""
 
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +41,7 @@ OPTIONS = {
 }
 
 
+@cache
 def make_calibration(
     *names: str,
     readouts: tuple[Readout, Readout] = SI,
@@ -68,6 +70,7 @@ class Readings(NamedTuple):
     celsius: Array
 
 
+@cache
 def random_readings(calibration: Calibration, n: int = 10_000, seed: int = 7) -> Readings:
     """Return random output that a sensor states over the calibrated range."""
     rng = np.random.default_rng(seed)

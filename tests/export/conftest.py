@@ -1,4 +1,4 @@
-"""A package for ROS 2 that is written, and imported with a stand-in for ROS."""
+"""Fixtures of exports: a package for ROS 2 imported with a stand-in for ROS, and few samples."""
 
 import importlib
 import importlib.util
@@ -13,6 +13,12 @@ from tests.export.ros_exports import NAME, Loaded
 from tests.export.ros_stand_in import World, modules
 
 from inercal.export import Export
+
+
+@pytest.fixture
+def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the error of an export be computed at all corners of the range and few other motions."""
+    monkeypatch.setattr("inercal.export.ranges._SAMPLES", 300)
 
 
 @pytest.fixture

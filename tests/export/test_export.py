@@ -33,6 +33,7 @@ from inercal.physics.sensors import Sensor, cluster, imu, triad
 SOME = (*LINEAR, *TEMPERATURE, "k2", "k1_dT", "g_ii")
 
 
+@pytest.mark.usefixtures("few_samples")
 @pytest.mark.parametrize("to", list(TARGETS))
 def test_every_file_states_formula_frame_units_source_and_losses(to: str):
     inertial = set(TARGETS.find(to).holds) != {"m"}
@@ -99,6 +100,7 @@ def test_lossless_refuses_an_error_above_u_and_passes_one_below():
     assert [one.word for one in made.losses] == ["g-sensitivity"]
 
 
+@pytest.mark.usefixtures("few_samples")
 def test_a_loss_without_a_stated_range_is_unknown_and_not_lossless():
     cold = make_calibration(*LINEAR, "k0_dT", "k1_dT", "k2", "kang", "k0_dTdt")
     cold = replace(cold, validity=replace(RANGES, temperature=None))

@@ -8,7 +8,7 @@ import csv
 import json
 import re
 from collections.abc import Callable
-from functools import reduce
+from functools import cache, reduce
 from io import StringIO
 from itertools import product
 from typing import Any
@@ -280,6 +280,7 @@ LINEAR_TARGETS: dict[str, Applied] = {
 SETS = {"linear": LINEAR, "full": (*LINEAR, *TEMPERATURE, *NONLINEAR)}
 
 
+@cache
 def export(calibration: Calibration, to: str) -> Export:
     return export_calibration(calibration, to, options=OPTIONS.get(to), source="x.calibration.json")
 

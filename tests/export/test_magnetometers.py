@@ -198,6 +198,7 @@ def test_flight_controllers_take_all_three_kinds_in_one_file():
         assert together == apart
 
 
+@pytest.mark.usefixtures("few_samples")
 @pytest.mark.parametrize("to", list(TARGETS))
 def test_every_target_takes_magnetometers_or_says_that_it_leaves_them_out(to: str):
     calibration = make_magnetometer(inertial=True)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.base_seeds import slow
 from tests.benches.generated_runs import simulate_run, write_run
 from tests.fleet.lines import TEMPLATE, readings
 
@@ -118,7 +119,7 @@ def test_good_and_bad_recordings_together_have_the_rows_that_they_have_alone(
     assert together >= 6
 
 
-@pytest.mark.parametrize("method", ["ferraris", "rates_and_poses", "centrifuge_norm"])
+@pytest.mark.parametrize("method", ["ferraris", "rates_and_poses", slow("centrifuge_norm")])
 def test_each_method_of_means_gives_the_rows_of_single_calibrations(
     method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -126,12 +127,12 @@ def test_each_method_of_means_gives_the_rows_of_single_calibrations(
     template = read_toml(path, "run file")
     made = tmp_path / template["data"].pop("file")
     del template["sensor"]["name"]
-    names = [f"S{k}" for k in range(4)]
+    names = [f"S{k}" for k in range(3)]
     for k, name in enumerate(names):
         simulate_run(path, k)
         with np.load(made) as archive:
             columns = dict(archive)
-        if k == 2:
+        if k == 1:
             some = slice(len(columns["time"]) // 3, len(columns["time"]) // 2)
             columns = changed(
                 columns, template["data"]["accelerometer"][0], some, lambda x: 1.01 * x
@@ -139,5 +140,5 @@ def test_each_method_of_means_gives_the_rows_of_single_calibrations(
         np.savez(tmp_path / f"{name}.npz", **columns)
     line = Line(tmp_path, template, tuple(SensorRow(name, f"{name}.npz") for name in names))
     rows, together = compare(line, monkeypatch)
-    assert [rows[k]["grade"] for k in (0, 1, 3)] == ["consistent"] * 3
-    assert together >= 3
+    assert [rows[k]["grade"] for k in (0, 2)] == ["consistent"] * 2
+    assert together >= 2

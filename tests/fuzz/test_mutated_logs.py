@@ -13,7 +13,7 @@ MUTATIONS = 200  # of each format
 def _parts() -> Iterator[object]:
     """Yield the mutations of each format in three parts; other processes read binary files."""
     for name in FORMATS:
-        fast, slow = 6, 16 if name in TEXTS else 9
+        fast, slow = 3, 16 if name in TEXTS else 9
         for numbers, marks in (
             (range(fast), ()),
             (range(fast, slow), pytest.mark.slow),

@@ -26,7 +26,7 @@ DESCRIPTIONS = tuple(
 )
 BYTES = bytes(range(256)) * 8 + b"1,2,3,4,5,6,7\r\n" * 20
 COUNTS = [
-    pytest.param(100),
+    pytest.param(50),
     slow(300),
     evidence(100_000),
 ]

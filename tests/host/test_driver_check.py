@@ -7,6 +7,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 import pytest
+from tests.base_seeds import slow
 from tests.refusals import refused
 
 from inercal.host.driver_check import CheckResult, check_driver
@@ -222,9 +223,9 @@ UNWRAPPED = change(
     ("stated", "changes", "found_by"),
     [
         (0.4, (UNWRAPPED,), set[str]()),
-        (0.4, (), {"clock"}),
+        slow(0.4, (), {"clock"}),
         (400.0, (UNWRAPPED,), {"clock"}),
-        (1e-3, (UNWRAPPED,), {"identity", "clock"}),
+        slow(1e-3, (UNWRAPPED,), {"identity", "clock"}),
     ],
 )
 def test_a_clock_that_wraps_within_the_check_needs_the_right_period(

@@ -150,6 +150,7 @@ def test_a_lost_further_imu_gives_one_warning_and_a_gap_only_in_its_own_recordin
     assert np.max(np.diff(main["time"])) < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("only_recorded")
 def test_a_killed_run_goes_on_without_a_further_imu_that_is_gone_for_good(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -152,12 +152,12 @@ class ClosedOnce(LineMeter):
     [
         (LineMeter, set[str]()),
         (WithoutReconnection, {"faulty link"}),
-        (WithoutOverload, {"overload"}),
+        evidence(WithoutOverload, {"overload"}),
         (WithoutUnit, {"readings", "short timeout"}),
         evidence(WithLastReading, {"faulty link"}),
         (WithLateReply, {"faulty link"}),
         evidence(WithLooseNumbers, {"faulty link"}),
-        (ClosedOnce, {"close"}),
+        evidence(ClosedOnce, {"close"}),
     ],
 )
 def test_a_faulty_driver_fails_a_check(kind: type[LineMeter], checks: set[str]):

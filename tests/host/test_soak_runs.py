@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from scipy.stats import chi2
+from tests.base_seeds import slow
 from tests.host.in_process_bench import InProcessBench
 from tests.host.journal_sections import sections_done
 from tests.host.simulated_runs import HEAD
@@ -49,8 +50,8 @@ def fault(words: str) -> Faulty:
     ("disturb", "named"),
     [
         (fault("door"), "door"),
-        (fault("sensor"), "sensor failure"),
-        (heat, "the sensor is at"),
+        slow(fault("sensor"), "sensor failure"),
+        slow(heat, "the sensor is at"),
         (run_away, "K/min"),
         (fault("silent"), "does not answer"),
     ],

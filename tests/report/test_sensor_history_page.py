@@ -41,6 +41,7 @@ def test_the_page_is_whole_and_names_each_thing_once(text: str):
 
 
 def test_the_page_needs_nothing_but_itself(text: str):
+    assert len(text.encode()) < 1_000_000
     assert "default-src 'none'" in text
     assert not re.search(r"<(script|link|img|iframe|object)\b", text)
     assert not re.search(r'(?:src|href)="(?!#)', text)
@@ -127,6 +128,6 @@ def test_calibrations_of_one_moment_are_drawn(register: Register, tmp_path: Path
 
 
 def test_the_page_is_written_whole(history: SensorHistory, tmp_path: Path):
-    path = write_history(history, tmp_path / "history.html")
+    one = replace(history, trends=(history.trend("ax.k0"),))
+    path = write_history(one, tmp_path / "history.html")
     assert path.read_text(encoding="utf-8").rstrip().endswith("</html>")
-    assert path.stat().st_size < 1_000_000

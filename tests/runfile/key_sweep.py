@@ -14,7 +14,8 @@ from pydantic.fields import FieldInfo
 
 from inercal.basics.errors import InercalError, InputError
 from inercal.benches.kind_definition import KINDS
-from inercal.pipeline import Outcome, calibrate
+from inercal.pipeline import Outcome
+from inercal.pipeline.run_calibration import calibrate_run
 from inercal.runfile import read
 from inercal.runfile.schema import (
     EnvironmentSection,
@@ -255,7 +256,7 @@ def calibrated(folder: Path, content: Content) -> Result | str:
     path.write_text(toml(content), encoding="utf-8")
     run = read(path)
     try:
-        return result(calibrate(run))
+        return result(calibrate_run(run, advise=False))
     except InercalError as error:
         return str(error)
 

@@ -1,12 +1,15 @@
 """Run files on a centrifuge, from the file to the verdict; what is wrong is said in one line."""
 
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.accuracy.centrifuge import PAPER_G, Triad
+from tests.base_seeds import evidence
 from tests.refusals import refused
 
 from inercal.basics.errors import InercalError, InputError, NotObserved
@@ -51,6 +54,23 @@ def simulated(folder: Path, *changes: tuple[str, str], seed: int = 0) -> Outcome
     run = read(changed(folder, "arm_run", *changes))
     write_recording(apply_data_columns(run, simulate(run, seed)), run.file(run.data.file))
     return calibrate(run)
+
+
+@pytest.fixture(scope="module")
+def arm_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("arm")
+
+
+@pytest.fixture(scope="module")
+def arm_run(arm_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Outcome]:
+    """Return a function that simulates and calibrates an arm run once for each list of changes."""
+
+    @cache
+    def once(*changes: tuple[str, str]) -> Outcome:
+        folder = tmp_path_factory.mktemp("arm") if changes else arm_folder
+        return simulated(folder, *changes)
+
+    return once
 
 
 def nees(outcome: Outcome) -> float:
@@ -109,23 +129,22 @@ NORMS = (("indexing", "#"), ("mounting", "#"))
 DWELL = 'dwell_rate = "0.5 ppm"'
 
 
+COUNTER_ROTATING = (DWELL, f'{DWELL}\nplatform = "counter-rotating"')
+INDEXED = (
+    (DWELL, f'{DWELL}\nindexing = "0.05 °"'),
+    ('arm_rate = "rpm"', 'arm_rate = "rpm"\nattitude = ["psi", "theta"]'),
+)
+
+
 @pytest.mark.parametrize(
     "changes",
-    [
-        (),
-        ((DWELL, f'{DWELL}\nplatform = "counter-rotating"'),),
-        ((DWELL, f'{DWELL}\nsense = "clockwise"'),),
-        (
-            (DWELL, f'{DWELL}\nindexing = "0.05 °"'),
-            ('arm_rate = "rpm"', 'arm_rate = "rpm"\nattitude = ["psi", "theta"]'),
-        ),
-    ],
+    [(), (COUNTER_ROTATING,), evidence(((DWELL, f'{DWELL}\nsense = "clockwise"'),)), INDEXED],
     ids=["locked", "counter-rotating", "clockwise", "attitudes"],
 )
 def test_arm_runs_are_calibrated_to_their_truth(
-    tmp_path: Path, changes: tuple[tuple[str, str], ...]
+    arm_run: Callable[..., Outcome], changes: tuple[tuple[str, str], ...]
 ):
-    outcome = simulated(tmp_path, *changes)
+    outcome = arm_run(*changes)
     assert outcome.estimate.p_value > 1e-3
     # χ² of nine coefficients over nine: 0.01 % and 99.99 % points
     assert 0.06 < nees(outcome) < 3.8
@@ -174,8 +193,11 @@ def test_lever_arms_of_an_arm_run_are_found(tmp_path: Path):
 PRIOR = ("turns = 10", 'turns = 10\nprior_file = "static.calibration.json"')
 
 
-def test_a_static_calibration_is_a_prior(tmp_path: Path):
-    at_rest = simulated(tmp_path)
+def test_a_static_calibration_is_a_prior(
+    arm_run: Callable[..., Outcome], arm_folder: Path, tmp_path: Path
+):
+    at_rest = arm_run()
+    shutil.copytree(arm_folder, tmp_path, dirs_exist_ok=True)
     # As if a static test had found the same with the same uncertainty.
     static = replace(at_rest.calibration, method="six_position")
     save(static, tmp_path / "static.calibration.json")
@@ -185,8 +207,11 @@ def test_a_static_calibration_is_a_prior(tmp_path: Path):
         assert 0.65 < ratio < 0.8  # two equal measurements: 1/√2
 
 
-def test_a_prior_of_another_sensor_or_of_the_same_data_is_refused(tmp_path: Path):
-    found = simulated(tmp_path).calibration
+def test_a_prior_of_another_sensor_or_of_the_same_data_is_refused(
+    arm_run: Callable[..., Outcome], arm_folder: Path, tmp_path: Path
+):
+    found = arm_run().calibration
+    shutil.copytree(arm_folder, tmp_path, dirs_exist_ok=True)
     path = tmp_path / "static.calibration.json"
     run = changed(tmp_path, "arm_run", PRIOR)
     other = replace(found.sensor, name="B")
@@ -212,16 +237,15 @@ def test_drift_that_the_sensor_states_is_in_the_uncertainty(tmp_path: Path):
     assert 0.7 < np.mean(ratios) < 1.4, ratios
 
 
-def test_one_bad_azimuth_is_the_only_suspect(tmp_path: Path):
-    run = read(changed(tmp_path, "arm_run", (DWELL, f'{DWELL}\nplatform = "counter-rotating"')))
-    assert isinstance(run.bench, Centrifuge)
-    write_recording(apply_data_columns(run, simulate(run, 2)), run.file(run.data.file))
-    outcome = calibrate(run)
+def test_one_bad_azimuth_is_the_only_suspect(arm_run: Callable[..., Outcome]):
+    outcome = arm_run(COUNTER_ROTATING)
+    assert isinstance(outcome.bench, Centrifuge)
     spins = [step for step in outcome.steps if isinstance(step, Spin)]
     mean = outcome.observations.mean.copy()
     mean[37, 0] += 0.5
     seen = replace(outcome.observations, mean=mean)
-    (suspect,) = screen_rows(seen, run.sensor, run.bench, spins)
+    nominal = read(EXAMPLES / "arm_run.toml").sensor
+    (suspect,) = screen_rows(seen, nominal, outcome.bench, spins)
     assert suspect.row == 37
 
 
@@ -334,20 +358,16 @@ def test_a_plan_that_cannot_be_is_one_line(
     assert all(word in str(error.value) for word in words), str(error.value)
 
 
-def test_attitudes_of_a_recording_are_its_positions(tmp_path: Path):
-    outcome = simulated(
-        tmp_path,
-        (DWELL, f'{DWELL}\nindexing = "0.05 °"'),
-        ('arm_rate = "rpm"', 'arm_rate = "rpm"\nattitude = ["psi", "theta"]'),
-    )
-    indexed = {name for name in outcome.estimate.names if name.startswith("index_x")}
+def test_attitudes_of_a_recording_are_its_positions(arm_run: Callable[..., Outcome]):
+    names = arm_run(*INDEXED).estimate.names
+    indexed = {name for name in names if name.startswith("index_x")}
     assert len(indexed) == 20
 
 
 def test_a_budget_is_of_a_plan_and_of_a_locked_platform(tmp_path: Path):
     with pytest.raises(InputError):
         experiment_from_run(read(EXAMPLES / "lab.toml"))
-    still = changed(tmp_path, "arm_run", (DWELL, f'{DWELL}\nplatform = "counter-rotating"'))
+    still = changed(tmp_path, "arm_run", COUNTER_ROTATING)
     with pytest.raises(InputError):
         experiment_from_run(read(still))
     assert len(experiment_from_run(read(EXAMPLES / "arm_run.toml")).steps) == 60
@@ -362,8 +382,10 @@ def test_keys_of_a_centrifuge_are_refused_elsewhere(tmp_path: Path):
     assert "arm_rate" in str(refusal.value)
 
 
-def test_the_report_of_an_arm_run_shows_bench_norms_and_dwells(tmp_path: Path):
-    outcome = simulated(tmp_path)
+def test_the_report_of_an_arm_run_shows_bench_norms_and_dwells(
+    arm_run: Callable[..., Outcome], tmp_path: Path
+):
+    outcome = arm_run()
     assert isinstance(outcome.bench, Centrifuge)
     page = write_report(outcome, tmp_path / "report.html").read_text(encoding="utf-8")
     for text in (

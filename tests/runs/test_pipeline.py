@@ -15,6 +15,7 @@ from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.physics.sensors import G0
 from inercal.pipeline import Outcome, apply, apply_data_columns, calibrate, simulate
 from inercal.pipeline.correction import as_written
+from inercal.pipeline.run_calibration import calibrate_run
 from inercal.recordings import Recording
 from inercal.recordings.io.write import write_recording
 from inercal.runfile import Run, read
@@ -301,3 +302,13 @@ def test_means_without_a_stated_deviation_are_refused(tmp_path: Path):
     with refused(InputError) as refusal:
         calibrate(run_file(tmp_path, SIX_POSITIONS, *changes))
     assert "[data.sd] accelerometer" in str(refusal.value)
+
+
+def test_the_grade_does_not_depend_on_whether_advice_is_tried():
+    run = read(Path(__file__).parents[2] / "examples" / "verdict" / "left_out.toml")
+    tried, plain = (calibrate_run(run, advise=advise).verdict for advise in (True, False))
+    assert (plain.grade, plain.reasons, plain.word) == (tried.grade, tried.reasons, tried.word)
+    assert plain.suspect is not None
+    assert tried.suspect is not None
+    assert plain.suspect.name == tried.suspect.name
+    assert [one.chi2 for one in plain.advice] != [one.chi2 for one in tried.advice]

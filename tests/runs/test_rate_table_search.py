@@ -1,6 +1,8 @@
 """Run files of the estimators of norms: what a search is told, how it went, and a stated frame."""
 
 import re
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +49,18 @@ def estimate_with_search(
     folder: Path, estimator: str, search: str = "", *changes: tuple[str, str]
 ) -> Outcome:
     return calibrate(write_search_example(folder, estimator, search, *changes))
+
+
+@pytest.fixture(scope="module")
+def estimated(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Outcome]:
+    """Return `estimate_with_search` that computes each estimate once."""
+    folder = tmp_path_factory.mktemp("searches")
+
+    @cache
+    def once(estimator: str, search: str = "", *changes: tuple[str, str]) -> Outcome:
+        return estimate_with_search(folder, estimator, search, *changes)
+
+    return once
 
 
 # What a search is told
@@ -115,10 +129,9 @@ def test_values_out_of_place_are_one_line_and_status_two(
     assert not list(tmp_path.glob("*.json"))
 
 
-def test_one_seed_makes_one_result_and_is_stated(tmp_path: Path):
-    first, again, other = (
-        estimate_with_search(tmp_path, "global", f"seed = {seed}") for seed in (3, 3, 4)
-    )
+def test_one_seed_makes_one_result_and_is_stated(tmp_path: Path, estimated: Callable[..., Outcome]):
+    first = estimated("global", "seed = 3")
+    again, other = (estimate_with_search(tmp_path, "global", f"seed = {seed}") for seed in (3, 4))
     assert (first.calibration.values == again.calibration.values).all()
     assert (first.calibration.values != other.calibration.values).all()
     assert "generations of seed 3" in " ".join(first.calibration.notes)
@@ -142,16 +155,16 @@ def test_progress_is_reported_after_each_generation_and_stored(tmp_path: Path):
     assert generation_text(Generation(12, 1.234e-5, 0.0123)) == (
         "generation 12, sum of squares 1.23e-05 g⁴, largest norm error 1.2 %"
     )
-    assert estimate_with_search(tmp_path, "damped").search is None
 
 
 # Its history in the report
 
 
-def test_only_a_search_has_its_history_drawn(tmp_path: Path):
-    for estimator in ("global", "damped"):
+def test_only_a_search_has_its_history_drawn(tmp_path: Path, estimated: Callable[..., Outcome]):
+    assert estimated("damped").search is None
+    for estimator, search in (("global", "seed = 3"), ("damped", "")):
         page = tmp_path / f"{estimator}.html"
-        write_report(estimate_with_search(tmp_path, estimator), page)
+        write_report(estimated(estimator, search), page)
         text = page.read_text(encoding="utf-8")
         assert ('id="search"' in text) == (estimator == "global")
         assert ("goal 5 %" in text) == (estimator == "global")
@@ -174,21 +187,21 @@ def test_the_history_has_the_goal_and_the_generation_that_met_it():
 # A stated frame
 
 
-def test_a_stated_frame_takes_the_place_of_what_norms_leave_free(tmp_path: Path):
-    outcomes = [
-        estimate_with_search(tmp_path, name, "", SYMMETRIC) for name in ("damped", "global")
-    ]
+def test_a_stated_frame_takes_the_place_of_what_norms_leave_free(
+    tmp_path: Path, estimated: Callable[..., Outcome]
+):
+    outcomes = [estimated(name, "", SYMMETRIC) for name in ("damped", "global")]
     for outcome in outcomes:
         said = " ".join(outcome.verdict.statements)
         assert "the stated frame determines three" in said
         assert "rotation of the triad" not in said
         assert outcome.calibration.frame == "symmetric"
-        write_report(outcome, tmp_path / "ship.html")
         file = save(outcome.calibration, tmp_path / "ship.calibration.json")
         assert load(file).frame == "symmetric"
     one, other = (outcome.calibration for outcome in outcomes)
     assert np.abs((one.values - other.values) / one.std).max() < 1e-6
-    plain = estimate_with_search(tmp_path, "damped").calibration
+    write_report(outcomes[0], tmp_path / "ship.html")
+    plain = estimated("damped").calibration
     assert plain.frame == "mount"
     assert plain.in_frame("symmetric").values == pytest.approx(one.values, abs=1e-8)
 
@@ -203,9 +216,9 @@ def test_with_a_frame_the_tilted_states_do_alone(tmp_path: Path):
     assert alone.values == pytest.approx(whole.values, rel=1e-12)
 
 
-def test_joint_finds_the_same_in_that_frame(tmp_path: Path):
-    joint = estimate_with_search(tmp_path, "joint").calibration.in_frame("symmetric")
-    damped = estimate_with_search(tmp_path, "damped", "", SYMMETRIC).calibration
+def test_joint_finds_the_same_in_that_frame(estimated: Callable[..., Outcome]):
+    joint = estimated("joint").calibration.in_frame("symmetric")
+    damped = estimated("damped", "", SYMMETRIC).calibration
     away = (joint.values - damped.values) / damped.std
     print(away.round(2), damped.std / joint.std)
     assert np.abs(away).max() < 3.5

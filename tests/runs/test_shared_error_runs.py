@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.base_seeds import evidence
+from tests.base_seeds import evidence, slow
 from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, run_file
 from tests.runs.test_pipeline import recorded
 
@@ -65,7 +65,7 @@ def test_shared_errors_are_part_of_the_covariance(name: str, tmp_path: Path):
     ("name", "error", "stated", "moved", "by"),
     [
         evidence("centrifuge/lab.toml", "g", "9.81262 m/s²", "9.81272 m/s²", 1e-4),
-        ("centrifuge/lab.toml", "radius", "1.5 m ±", "1.50001 m ±", 1e-5),
+        slow("centrifuge/lab.toml", "radius", "1.5 m ±", "1.50001 m ±", 1e-5),
         evidence("dividing_head/lab.toml", "g", "9.80123 m/s²", "9.801231 m/s²", 1e-6),
         ("verdict/left_out.toml", "g", "9.80123 m/s²", "9.801235 m/s²", 5e-6),
         ("rate_table/ship.toml", "radius", "250 mm ±", "250.1 mm ±", 1e-4),

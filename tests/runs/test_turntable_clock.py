@@ -7,7 +7,7 @@ from math import radians
 import numpy as np
 import pytest
 from tests.accuracy import turntable as tt
-from tests.base_seeds import evidence
+from tests.base_seeds import evidence, slow
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
@@ -93,7 +93,7 @@ def readback_on_own_clock(
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("seed", DENSE_SEEDS)
 @pytest.mark.parametrize(
-    ("offset", "drift"), [evidence(0.95, 1e-3), (-0.95, -1e-3), (0.0137, 2e-5)]
+    ("offset", "drift"), [evidence(0.95, 1e-3), slow(-0.95, -1e-3), (0.0137, 2e-5)]
 )
 def test_offset_and_rate_of_the_tables_clock_are_found_within_their_deviations(
     path: str, seed: int, offset: float, drift: float

@@ -152,7 +152,7 @@ def reverse_column(one: Recording, *names: str) -> Recording:
     ("names", "key", "stated"),
     [
         (("outer",), "table", '["outer", "middle", "inner"]'),
-        (("gx", "gz"), "gyro", '["gx", "gy", "gz"]'),
+        evidence(("gx", "gz"), "gyro", '["gx", "gy", "gz"]'),
         (("ax", "ay", "az"), "accelerometer", '["ax", "ay", "az"]'),
     ],
 )

@@ -217,6 +217,8 @@ def calibrate_run(
     also: str | Sequence[str] | None = None,
     seen: ObservedRun | None = None,
     solution: Estimate | None = None,
+    *,
+    advise: bool = True,
 ) -> Outcome:
     """Calibrate a run that was read and checked; advice is tried before it is given.
 
@@ -228,6 +230,8 @@ def calibrate_run(
         The result of `observed`, if it is known.
     solution : Estimate, optional
         The result of `inercal.methods.solving.solve` for these observations, if it is known.
+    advise : bool
+        Whether the advice of the verdict is tried; the grade does not depend on it.
     """
     if also is not None:
         try:
@@ -250,8 +254,8 @@ def calibrate_run(
         conditions[CHECK_STANDARD] = run.check_standard
     possible, findings = run.method.possible(sensor), findings + doubtful_additions(additions)
     judged = verdict(
-        estimate, sensor, findings, expected, possible, advisor.row_word, advisor,
-        additions_text(additions, sensor),
+        estimate, sensor, findings, expected, possible, advisor.row_word,
+        advisor if advise else None, additions_text(additions, sensor),
     )  # fmt: skip
     judged = replace(judged, additions=additions)
     if observations.rounding is not None:

@@ -145,16 +145,14 @@ def try_methods(
             reason = f"not tried without {', '.join(unknown)}" if unknown else "not tried"
             trials.append(MethodTrial(name, keys, None, reason))
             continue
-        content = as_sections(entries)
-        content["method"] = {"name": name, **keys}
+        content = as_sections(entries) | {"method": {"name": name, **keys}}
         run_file = folder / "draft"
         try:
             with _existing(folder):
-                outcome = calibrate_run(from_sections(run_file, content, ""))
+                outcome = calibrate_run(from_sections(run_file, content, ""), advise=False)
         except InercalError as error:
             reason = str(error).removeprefix(f"{run_file}: ")
-            reason = reason.partition(" (undetermined combinations")[0]
-            reason = shorten(reason, _LONGEST_REASON)
+            reason = shorten(reason.partition(" (undetermined combinations")[0], _LONGEST_REASON)
             trials.append(MethodTrial(name, keys, None, reason, getattr(error, "key", "")))
         else:
             trials.append(MethodTrial(name, keys, outcome))
