@@ -356,7 +356,7 @@ def _undetectable_text(one: UndetectableCause, sensor: Sensor, row_word: str) ->
     """Describe an effect and its size, with two digits, in the report unit."""
     if one.name == "row":
         return f"wrong readings at one {row_word}"
-    measures = {axis.name: axis.measures for axis in sensor.axes}
+    measures = sensor.measures
     words, name = one.name, ""  # the words of a change of the magnetic field
     if one.component.startswith((_DRIFT_PREFIX, CHANGE_PREFIX)):
         # The name is, for example, "drift of ax" or "change of ax within r10".
@@ -377,7 +377,7 @@ def _largest_uncertainties(
     """Return the largest uncertainty of each group and unit; empty if nothing was tested."""
     if not (estimate.dof or estimate.groups):
         return []
-    measures = {axis.name: axis.measures for axis in sensor.axes}
+    measures = sensor.measures
     groups: dict[tuple[str, str, str], tuple[float, int, _Uncertainty]] = {}
     for k, (name, std) in enumerate(zip(sensor.coefficients, estimate.std.tolist(), strict=False)):
         kind = QUANTITIES[measures[CoefficientName(name).axis]].sensor

@@ -40,7 +40,7 @@ from inercal.methods import Priors, mean_problem, observability, solving
 from inercal.methods.mean_problem import ReadingNoise
 from inercal.physics.motion import Motion
 from inercal.physics.plan import HandSteps, Hold, Turn
-from inercal.physics.sensors import Sensor, inverse
+from inercal.physics.sensors import Sensor, nominal_inverse
 from inercal.recordings import Observations
 
 
@@ -243,8 +243,7 @@ def hand_problem(
     if turns and sensor.rank("f") < len("xyz"):
         declared |= _unread_forces([done[k] for k in turns], bench.gravity.value)
     elif turns:
-        bare = Sensor(sensor.name, sensor.axes)
-        mean = inverse(bare, observations.mean[..., turns, :], np.zeros(0)).f
+        mean = observations.mean[..., turns, :] @ nominal_inverse(sensor)[:, :3]
         forces = {
             f"force_{a}[{done[k].label}]": mean[..., j, i]
             for j, k in enumerate(turns)

@@ -21,7 +21,7 @@ instead of flicker noise. Many filters and papers assume this: S(f) = 2 B² τ/(
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -225,7 +225,8 @@ class SensedMotion(NamedTuple):
     basis: Array
 
 
-def sensed_motion(axes: Sequence[Axis]) -> SensedMotion:
+@lru_cache
+def sensed_motion(axes: tuple[Axis, ...]) -> SensedMotion:
     """Return the components of the motion that the axes of a sensor measure."""
     names: list[str] = []
     measures: list[Measures] = []

@@ -56,7 +56,7 @@ def coefficient_words(sensor: Sensor, word: str, components: Sequence[str] = ())
     """
     names = [CoefficientName(one) for one in components or (word,)]
     axes = dict.fromkeys(one.axis for one in names)
-    measures = {axis.name: axis.measures for axis in sensor.axes}
+    measures = sensor.measures
     tables = [TERMS[measures[one.axis]] for one in names]
     lines = [known[one.term] for one, known in zip(names, tables, strict=True) if one.term in known]
     term = CoefficientName(word).term

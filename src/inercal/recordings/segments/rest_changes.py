@@ -34,7 +34,7 @@ from inercal.basics.units import format_quantity
 from inercal.estimation import ModelTest
 from inercal.estimation.section_statistics import largest_change_test
 from inercal.physics.quantities import QUANTITIES
-from inercal.physics.sensors import G0, Sensor, inverse
+from inercal.physics.sensors import G0, Sensor, nominal_inverse
 from inercal.recordings import Finding, Mark, Recording, sample_count
 from inercal.recordings.io.column_table import row_blocks
 from inercal.recordings.observations import HalfSectionChanges
@@ -241,9 +241,7 @@ def bias_jump_test(
     if not (other_parts and rate.axes):
         return ()
     m = len(force.axes)
-    back = inverse(Sensor(force.name, force.axes), np.eye(m), np.zeros(0)).f
-    turning = Sensor(rate.name, rate.axes)
-    of_rate = inverse(turning, np.eye(len(rate.axes)), np.zeros(0)).w
+    back, of_rate = nominal_inverse(force)[:, :3], nominal_inverse(rate)[:, 3:6]
     columns = [recording.channels.index(name) for name in sensor.channels]
     whole = [sensor.to_si(recording.data[mark.start : mark.stop, columns]) for mark in marks]
     bias = np.mean([section[:, m:].mean(axis=0) for section in whole], axis=0)
