@@ -133,6 +133,15 @@ def _compared_correlations(longest: float, shortest: float) -> tuple[NoiseCorrel
     return (WHITE, *grid, *long)
 
 
+def contrast_variance_ratios(noises: Sequence[NoiseCorrelation], blocks: Array) -> Array:
+    """Return the variance ratio of contrasts for each noise and its own blocks, (r, levels)."""
+    ratio, tau = (
+        np.array(part)[:, None]
+        for part in zip(*((one.ratio, one.seconds) for one in noises), strict=True)
+    )
+    return _contrast_variance_ratio(ratio, tau, blocks)
+
+
 @lru_cache(_FEW_KEPT)
 def _contrast_shapes(
     longest: float, shortest: float, seconds: tuple[float, ...], levels: int
@@ -142,11 +151,8 @@ def _contrast_shapes(
     Both are (r, correlations, levels) for r sections.
     """
     every = _compared_correlations(longest, shortest)
-    ratio, tau = (
-        np.array(part)[:, None] for part in zip(*((c.ratio, c.seconds) for c in every), strict=True)
-    )
     blocks = block_durations(np.array(seconds), levels)[:, None]
-    shape = _contrast_variance_ratio(ratio, tau, blocks)
+    shape = contrast_variance_ratios(every, blocks)
     return shape, np.log(shape)
 
 

@@ -55,6 +55,7 @@ from inercal.estimation.correlation import (
     NoiseCorrelation,
     block_durations,
     contrast_powers,
+    contrast_variance_ratios,
     fine_variances,
     fit_correlations,
     moderated_variances,
@@ -263,10 +264,10 @@ def _changes(
     """
     blocks = block_durations(sections.seconds, COARSE_LEVELS)
     found: list[_DisturbanceTests] = []
-    shapes = [by.contrast_variance_ratio(h) for by, h in zip(others, blocks, strict=True)]
+    shapes = contrast_variance_ratios(others, blocks)
     # Both blocks have one rounding error each.
     of_steps = 0.5 * sections.samples[:, None] * steps
-    for place, part in enumerate(np.transpose(shapes)):
+    for place, part in enumerate(shapes.T):
         power, count = np.sum(relative[place] ** 2, axis=1), 2**place
         ratio = power / count / ((own[:, 0] * part)[:, None] + of_steps)
         p = scipy.special.fdtrc(count, own[:, 1:], ratio)

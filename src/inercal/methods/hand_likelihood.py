@@ -190,7 +190,7 @@ def ml(
         These steps do not determine all coefficients. The message names the coefficients and the
         missing steps.
     """
-    observations = observations.without_drift()
+    observations = observations.without_drift
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels]
     missing = [step for step in steps if step.label not in observations.labels]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -261,8 +262,9 @@ class Observations:
             full = full + effect @ np.swapaxes(effect, -1, -2)
         return full
 
+    @cached_property
     def without_drift(self) -> "Observations":
-        """Return the observations with `drift_mean` subtracted from the means."""
+        """Observations with `drift_mean` subtracted from the means."""
         if self.drift_mean is None:
             return self
         return replace(self, mean=self.mean - self.drift_mean, drift_mean=None)

@@ -228,7 +228,8 @@ def _check_sizes(f: np.ndarray, steps: Sequence[HandStep]) -> None:
 def _odd_sizes(f: np.ndarray, steps: Sequence[HandStep]) -> list[int]:
     """Return the holds whose force, g, is far from 1 g."""
     holds = [k for k, step in enumerate(steps) if isinstance(step, Hold)]
-    return [k for k in holds if not _POSSIBLE[0] < np.linalg.norm(f[k]) < _POSSIBLE[1]]
+    sizes = np.linalg.norm(f, axis=1)
+    return [k for k in holds if not _POSSIBLE[0] < sizes[k] < _POSSIBLE[1]]
 
 
 def _rough_bias(force: np.ndarray, steps: Sequence[HandStep], gravity: float) -> np.ndarray:
