@@ -199,6 +199,9 @@ class Axis:
                 names=(self.name,),
             )
 
+    def __hash__(self) -> int:
+        return hash((self.name, self.measures, self.i))  # quick, because much is kept by axes
+
     @cached_property
     def frame(self) -> Array:
         """The directions I, P and O in the sensor's frame, as rows, (3, 3)."""
