@@ -13,7 +13,7 @@ section 6.2 (moderated variances).
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -30,6 +30,7 @@ _KEPT, _FEW_KEPT = 128, 8  # forms of recordings whose correlations and ratios a
 _TIMES = 14  # number of values of τ
 _SHORT, _LONG = 1 / 9, 4.0  # in section lengths; the second one looks like a random walk
 _LONG_RATIOS = np.geomspace(0.1, 3e6, 50)  # ρ for the long memory
+_ROUNDED = 1e-12  # of x
 _SURE = 1e9  # degrees of freedom of the prior if sections have equal variances
 
 
@@ -230,12 +231,13 @@ def moderated_variances(own: Array, dof: Array) -> tuple[Array, Array]:
 
 
 def _inverse_trigamma(y: float) -> float:
-    def off(log: float) -> float:
-        return float(np.log(_log_variance(np.array([2 * np.exp(log)]))[0] / y))
+    """Return x with trigamma(x) = y, by Newton's method for 1/trigamma (Smyth 2004, appendix).
 
-    low, high = -8.0, 18.0
-    if off(high) > 0:
-        return float(np.exp(high))
-    if off(low) < 0:
-        return float(np.exp(low))
-    return float(np.exp(cast("float", scipy.optimize.brentq(off, low, high, xtol=1e-6))))
+    1/trigamma is convex and nearly straight, so the steps approach x from one side.
+    """
+    x, step = 0.5 + 1 / y, np.inf
+    while abs(step) > _ROUNDED * x:
+        value, slope = (float(scipy.special.polygamma(n, x)) for n in (1, 2))
+        step = value * (1 - value / y) / slope
+        x += step
+    return min(x, _SURE)
