@@ -31,13 +31,9 @@ class Linearisation(NamedTuple):
     slope: Array  # (..., n or 1, m, width)
 
 
-def _input_axes(axes: tuple[Axis, ...], measures: Measures) -> Array:
-    return np.array([a.i for a in axes if a.measures == measures]).reshape(-1, 3)
-
-
 @lru_cache  # because the sensors of a line have the same axes
 def _rank(axes: tuple[Axis, ...], measures: Measures) -> int:
-    return int(np.linalg.matrix_rank(_input_axes(axes, measures)))
+    return int(np.linalg.matrix_rank(Sensor("", axes).input_axes(measures)))
 
 
 @lru_cache
@@ -133,7 +129,7 @@ class Sensor:
 
     def input_axes(self, measures: Measures) -> Array:
         """Return the directions of the axes of a kind in the sensor's frame, (m, 3)."""
-        return _input_axes(self.axes, measures)
+        return np.array([a.i for a in self.axes if a.measures == measures]).reshape(-1, 3)
 
     def rank(self, measures: Measures) -> int:
         """Return the number of independent directions along which a quantity is measured."""

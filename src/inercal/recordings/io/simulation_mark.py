@@ -10,7 +10,6 @@ except that comments must be skipped in CSV files.
 import codecs
 import zipfile
 from importlib import import_module
-from os import SEEK_END
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,6 @@ SIMULATION_OF = "simulation of "
 _COMMENT = f"# {SIMULATION_OF}".encode()
 _LONGEST = 4096  # bytes of the first line that are examined
 _ISOLATION = Isolation("a recording")
-_ZIP_END, _ZIP_END_BYTES = b"PK\x05\x06", 22  # of an archive without a comment
 _ZIP, _PARQUET, _HDF5 = b"PK\x03\x04", b"PAR1", b"\x89HDF\r\n\x1a\n"
 
 
@@ -55,7 +53,7 @@ def stored_mark(path: Path) -> str:
         line = head.splitlines()[0].decode(errors="replace")
         return line.removeprefix("# ").rstrip(" ,;\t")  # a spreadsheet fills the line with these
     found = ""
-    if head.startswith(_ZIP) and not _has_no_comment(path):
+    if head.startswith(_ZIP):
         with zipfile.ZipFile(path) as archive:
             found = archive.comment.decode(errors="replace")
     elif head.startswith(_PARQUET):
@@ -67,13 +65,6 @@ def stored_mark(path: Path) -> str:
         with h5py.File(path, "r") as opened:
             found = str(opened.attrs.get(SIMULATION_KEY, ""))
     return found if found.startswith(SIMULATION_OF) else ""
-
-
-def _has_no_comment(path: Path) -> bool:
-    """Return whether a ZIP file ends with an empty comment, which needs no library."""
-    with path.open("rb") as file:
-        file.seek(-_ZIP_END_BYTES, SEEK_END)
-        return file.read(len(_ZIP_END)) == _ZIP_END
 
 
 def _head(path: Path) -> bytes:
