@@ -10,7 +10,6 @@ section 6.2 (moderated variances).
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -96,12 +95,6 @@ def block_durations(seconds: Array, levels: int) -> Array:
     return np.asarray(seconds[:, None] / 2.0 ** np.arange(1, levels + 1))
 
 
-def contrast_powers(levels: Sequence[Array], counts: Indices) -> Array:
-    """Return the mean square of relative contrasts at each level over all channels, (r, levels)."""
-    sums = [np.sum(level**2, axis=(1, 2)) / level.shape[2] for level in levels]
-    return np.asarray(np.stack(sums, axis=1) / np.maximum(counts, 1))
-
-
 class SectionCorrelations(NamedTuple):
     """The noise correlation of r sections.
 
@@ -134,15 +127,6 @@ def _compared_correlations(longest: float, shortest: float) -> tuple[NoiseCorrel
     return (WHITE, *grid, *long)
 
 
-def contrast_variance_ratios(noises: Sequence[NoiseCorrelation], blocks: Array) -> Array:
-    """Return the variance ratio of contrasts for each noise and its own blocks, (r, levels)."""
-    ratio, tau = (
-        np.array(part)[:, None]
-        for part in zip(*((one.ratio, one.seconds) for one in noises), strict=True)
-    )
-    return _contrast_variance_ratio(ratio, tau, blocks)
-
-
 @lru_cache(_FEW_KEPT)
 def _contrast_shapes(
     longest: float, shortest: float, seconds: tuple[float, ...], levels: int
@@ -153,12 +137,13 @@ def _contrast_shapes(
     """
     every = _compared_correlations(longest, shortest)
     blocks = block_durations(np.array(seconds), levels)[:, None]
-    shape = contrast_variance_ratios(every, blocks)
+    ratio, tau = np.array([(one.ratio, one.seconds) for one in every]).T[..., None]
+    shape = _contrast_variance_ratio(ratio, tau, blocks)
     return shape, np.log(shape)
 
 
 def fit_correlations(powers: Array, sections: Contrasts) -> SectionCorrelations:
-    """Return the noise correlation of r sections, from their `contrast_powers`."""
+    """Return the noise correlation of sections from the mean power at each level, (r, levels)."""
     longest = float(sections.seconds.max())
     shortest = float((sections.seconds / sections.batches).min())
     every = _compared_correlations(longest, shortest)
@@ -194,7 +179,7 @@ def fine_variances(
 ) -> tuple[Array, Array]:
     """Return each section's variance at the fine levels relative to the common scale, and its dof.
 
-    `powers` contains the `contrast_powers` of these channels, (r, levels).
+    `powers` contains the mean power of the contrasts at each level, (r, levels).
     """
     blocks = block_durations(sections.seconds, len(sections.levels))
     shape = correlation.contrast_variance_ratio(blocks)

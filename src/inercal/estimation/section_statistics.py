@@ -54,8 +54,6 @@ from inercal.estimation.correlation import (
     Contrasts,
     NoiseCorrelation,
     block_durations,
-    contrast_powers,
-    contrast_variance_ratios,
     fine_variances,
     fit_correlations,
     moderated_variances,
@@ -160,8 +158,8 @@ def haar_contrasts(sections: Iterable[Array], seconds: Array) -> Contrasts:
         left, right, width = merged[:, ::2], merged[:, 1::2], _BATCHES // merged.shape[1]
         levels.append((left - right) * (sqrt(width / 2) * size))
         merged = 0.5 * (left + right)
-    slope, levels = np.stack(slopes), levels[::-1]
-    return Contrasts(seconds, samples, batches, tuple(levels), slope, reach * seconds)
+    coarsest_first, slope = tuple(levels[::-1]), np.stack(slopes)
+    return Contrasts(seconds, samples, batches, coarsest_first, slope, reach * seconds)
 
 
 def analyse_sections(
@@ -197,7 +195,7 @@ def analyse_sections(
         unknown, none = np.full(len(names), np.nan), np.zeros((r, len(names)))
         return SectionStatistics(WHITE, np.ones(r), unknown, unknown, unknown, none)
     relative = [level[..., used] / size[used] for level in sections.levels]
-    powers = contrast_powers(relative, sections.counts)
+    powers = np.stack([np.mean(level**2, axis=(1, 2)) for level in relative], axis=1)
     correlations = fit_correlations(powers, sections)
     fitted, others = correlations.whole, correlations.others
     distinct = {id(found): found for found in (fitted, *others)}  # usually only one
@@ -264,10 +262,10 @@ def _changes(
     """
     blocks = block_durations(sections.seconds, COARSE_LEVELS)
     found: list[_DisturbanceTests] = []
-    shapes = contrast_variance_ratios(others, blocks)
+    shapes = [by.contrast_variance_ratio(h) for by, h in zip(others, blocks, strict=True)]
     # Both blocks have one rounding error each.
     of_steps = 0.5 * sections.samples[:, None] * steps
-    for place, part in enumerate(shapes.T):
+    for place, part in enumerate(np.transpose(shapes)):
         power, count = np.sum(relative[place] ** 2, axis=1), 2**place
         ratio = power / count / ((own[:, 0] * part)[:, None] + of_steps)
         p = scipy.special.fdtrc(count, own[:, 1:], ratio)

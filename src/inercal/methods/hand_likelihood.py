@@ -243,7 +243,7 @@ def hand_problem(
     if turns and sensor.rank("f") < len("xyz"):
         declared |= _unread_forces([done[k] for k in turns], bench.gravity.value)
     elif turns:
-        mean = observations.mean[..., turns, :] @ nominal_inverse(sensor)[:, :3]
+        mean = observations.mean[..., turns, :] @ nominal_inverse(sensor.axes)[:, :3]
         forces = {
             f"force_{a}[{done[k].label}]": mean[..., j, i]
             for j, k in enumerate(turns)

@@ -2,11 +2,9 @@
 
 import re
 from collections.abc import Sequence
-from functools import lru_cache
 
 from inercal.basics.keys import CoefficientName
 from inercal.physics.quantities import QUANTITIES
-from inercal.physics.sensors.axis import Axis
 from inercal.physics.sensors.coefficient_tables import TERMS
 from inercal.physics.sensors.sensor import Sensor
 
@@ -56,12 +54,6 @@ def coefficient_words(sensor: Sensor, word: str, components: Sequence[str] = ())
     components : sequence of str
         Full names of the coefficients that the word stands for; by default the word itself.
     """
-    return _words(sensor.axes, word, tuple(components))
-
-
-@lru_cache
-def _words(every: tuple[Axis, ...], word: str, components: tuple[str, ...]) -> str:
-    sensor = Sensor("", every)
     names = [CoefficientName(one) for one in components or (word,)]
     axes = dict.fromkeys(one.axis for one in names)
     tables = [TERMS[sensor.measures[one.axis]] for one in names]

@@ -5,7 +5,6 @@ squares. An affine model needs only one matrix; other models iterate over chunks
 memory stays bounded.
 """
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -70,7 +69,15 @@ def inverse(
     """
     basis = sensor.sensed.basis
     stated = (f, w, m)[: sensor.width // 3]
-    _require_directions(sensor, stated)
+    for quantity, given in zip(QUANTITIES.values(), stated, strict=False):
+        rank = sensor.rank(quantity.symbol)
+        if 0 < rank < 3 and given is None:
+            raise InputError(
+                f"sensor {sensor.name} has {rank} independent input axis directions for "
+                f"{quantity.name}: pass the components perpendicular to them as "
+                f"{quantity.symbol}, or zeros if there are none",
+                key=quantity.symbol,
+            )
     shape = (*y.shape[:-1], 3)
     zero = np.zeros((1, 3))
     across = np.concatenate(
@@ -93,7 +100,8 @@ def inverse(
     return _motion(sensed, np.asarray(rates), thermal)
 
 
-def nominal_inverse(sensor: Sensor) -> Array:
+@lru_cache  # because the sensors of a line have the same axes
+def nominal_inverse(axes: tuple[Axis, ...]) -> Array:
     """Return the matrix from readings without errors to the motion, (m, width).
 
     The rows of a product y @ matrix are (f, ω), or (f, ω, m) if there are magnetometers.
@@ -103,28 +111,9 @@ def nominal_inverse(sensor: Sensor) -> Array:
     InputError
         There are only one or two input axes of a kind.
     """
-    _require_directions(sensor, (None,) * (sensor.width // 3))
-    return _nominal_inverse(sensor.axes)
-
-
-@lru_cache
-def _nominal_inverse(axes: tuple[Axis, ...]) -> Array:
-    sensor = Sensor("", axes)
+    sensor = Sensor("with these axes", axes)
     motion = inverse(sensor, np.eye(len(axes)), np.zeros(0))
     return np.concatenate([motion.f, motion.w, motion.m][: sensor.width // 3], axis=1)
-
-
-def _require_directions(sensor: Sensor, stated: Sequence[Array | None]) -> None:
-    """Raise an error if one or two directions are measured and the others are not stated."""
-    for quantity, given in zip(QUANTITIES.values(), stated, strict=False):
-        rank = sensor.rank(quantity.symbol)
-        if 0 < rank < 3 and given is None:
-            raise InputError(
-                f"sensor {sensor.name} has {rank} independent input axis directions for "
-                f"{quantity.name}: pass the components perpendicular to them as "
-                f"{quantity.symbol}, or zeros if there are none",
-                key=quantity.symbol,
-            )
 
 
 def _motion(sensed: Array, rates: Array, thermal: tuple[Array, ...]) -> Motion:

@@ -90,7 +90,7 @@ def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Rec
     if accelerometers.rank("f") < _ALL:
         return recording
     columns = [recording.channels.index(name) for name in accelerometers.channels]
-    to_force = nominal_inverse(accelerometers)[:, :3]
+    to_force = nominal_inverse(accelerometers.axes)[:, :3]
 
     def sensed(rows: slice) -> Array:
         return accelerometers.to_si(recording.data[rows][:, columns]) @ to_force

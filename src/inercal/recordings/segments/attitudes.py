@@ -105,7 +105,7 @@ def holds_from_observations(observations: Observations, sensor: Sensor) -> tuple
         Sensor with at least an accelerometer triad.
     """
     force = sensor.select_axes("f")
-    sensed = observations.mean[:, : len(force.axes)] @ nominal_inverse(force)[:, :3]
+    sensed = observations.mean[:, : len(force.axes)] @ nominal_inverse(force.axes)[:, :3]
     ups = sensed / np.linalg.norm(sensed, axis=-1, keepdims=True)
     return tuple(
         Hold(label, (float(x), float(y), float(z)), float(seconds))

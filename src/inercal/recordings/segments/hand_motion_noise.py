@@ -116,7 +116,7 @@ def _gravity_projections(
     """Yield each axis's share of a section's mean force, (a,), and the readings along it."""
     force = sensor.select_axes("f")
     a = len(force.axes)
-    back = nominal_inverse(force)[:, :3]
+    back = nominal_inverse(force.axes)[:, :3]
     for section in sections:
         up = section[:, :a].mean(axis=0) @ back
         part = back @ up / float(np.linalg.norm(up))

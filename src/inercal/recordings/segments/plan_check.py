@@ -138,20 +138,17 @@ def check_against_plan(
         The mean specific force during a hold has another direction. Or a turn is about another
         axis, by an angle in another unit, or about an axis about which gravity does not turn.
     """
-    columns = {
-        kind: [k for k, axis in enumerate(sensor.axes) if axis.measures == kind] for kind in "fw"
-    }
     findings: list[Finding] = []
     holds = np.array([isinstance(step, Hold) for step in steps])
     if sensor.rank("f") < _ALL:
         findings += _check_components(observations, sensor, steps, gravity)
-        if not columns["f"] and sensor.rank("w") == _ALL:
-            rates = observations.mean @ nominal_inverse(sensor)[:, 3:6]
+        if not sensor.rank("f") and sensor.rank("w") == _ALL:
+            rates = observations.mean @ nominal_inverse(sensor.axes)[:, 3:6]
             bias = rates[holds].mean(axis=0) if holds.any() else np.zeros(3)
             for k in np.flatnonzero(~holds).tolist():
                 findings += _check_turn(steps[k], (rates[k] - bias) * observations.duration[k])
         return tuple(findings)
-    force, rate = np.split((observations.mean @ nominal_inverse(sensor))[:, :6], 2, axis=1)
+    force, rate = np.split((observations.mean @ nominal_inverse(sensor.axes))[:, :6], 2, axis=1)
     offset = _rough_bias(force, steps, gravity)
     if _odd_sizes((force - offset) / gravity, steps):  # not just an axis that is off by 1 g
         _check_sizes(force / gravity, steps)

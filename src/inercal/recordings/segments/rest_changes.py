@@ -243,7 +243,7 @@ def bias_jump_test(
     if not (other_parts and rate.axes):
         return ()
     m = len(force.axes)
-    back, of_rate = nominal_inverse(force)[:, :3], nominal_inverse(rate)[:, 3:6]
+    back, of_rate = nominal_inverse(force.axes)[:, :3], nominal_inverse(rate.axes)[:, 3:6]
     columns = [recording.channels.index(name) for name in sensor.channels]
     whole = [sensor.to_si(recording.data[mark.start : mark.stop, columns]) for mark in marks]
     bias = np.mean([section[:, m:].mean(axis=0) for section in whole], axis=0)
