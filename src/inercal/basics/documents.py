@@ -63,7 +63,7 @@ def record_object(value: Any) -> Any:
         return value if isfinite(value) else None
     if value is None or isinstance(value, str | int):  # most values
         return value
-    if names := _field_names(type(value)):
+    if names := _field_names(cast("type", type(value))):
         return {name: record_object(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):
         content = cast("Mapping[str, Any]", value)
@@ -78,9 +78,8 @@ def record_object(value: Any) -> Any:
 @cache
 def _field_names(kind: type) -> tuple[str, ...]:
     """Return the names of the fields of a dataclass or a named tuple; empty for other types."""
-    if is_dataclass(kind):
-        return tuple(one.name for one in fields(kind))
-    return getattr(kind, "_fields", ())
+    named: tuple[str, ...] = getattr(kind, "_fields", ())
+    return tuple(one.name for one in fields(kind)) if is_dataclass(kind) else named
 
 
 def to_utc(text: str) -> str:

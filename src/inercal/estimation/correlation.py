@@ -55,8 +55,8 @@ class Contrasts(NamedTuple):
     def of(self, chosen: Bools) -> "Contrasts":
         """Return the contrasts of some sections."""
         levels = tuple(level[chosen] for level in self.levels)
-        first = (part[chosen] for part in (self.seconds, self.samples, self.batches))
-        return Contrasts(*first, levels, self.slope[chosen], self.slope_per_trend[chosen])
+        parts = [part if isinstance(part, tuple) else part[chosen] for part in self]
+        return Contrasts._make(parts)._replace(levels=levels)
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,7 +146,7 @@ def haar_contrasts(sections: Iterable[Array], seconds: Array) -> Contrasts:
         mean = np.add.reduceat(off, edges[:-1], axis=0) / (edges[1:] - edges[:-1])[:, None]
         rounding = _ROUNDING * np.abs(section).max(axis=0)
         mean = np.where(np.ptp(mean, axis=0) > rounding, mean, 0.0)
-        place = np.arange(count) - (count - 1) / 2
+        place = np.arange(count, dtype=np.float64) - (count - 1) / 2
         length = sqrt((count**3 - count) / 12)  # the norm of `place`
         slopes.append(place @ mean * (sqrt(n / count) / length))
         numbers.append((n, count, length / count * sqrt(n / count)))
@@ -218,7 +218,7 @@ def analyse_sections(
     for one in tests:
         shift = one.power / sections.samples[:, None] * size[used] ** 2
         disturbance_variance[:, used] += np.where(p.size * one.p < _LEVEL, shift, 0.0)
-    steady = ~disturbance_variance.any(axis=1)
+    steady = np.asarray(~disturbance_variance.any(axis=1))
     trend, sd, own, common = _trend(
         sections.of(steady), names, size, used, None if coloured else fitted
     )
@@ -265,7 +265,7 @@ def _changes(
     shapes = [by.contrast_variance_ratio(h) for by, h in zip(others, blocks, strict=True)]
     # Both blocks have one rounding error each.
     of_steps = 0.5 * sections.samples[:, None] * steps
-    for place, part in enumerate(np.transpose(shapes)):
+    for place, part in enumerate(np.stack(shapes, axis=1)):
         power, count = np.sum(relative[place] ** 2, axis=1), 2**place
         ratio = power / count / ((own[:, 0] * part)[:, None] + of_steps)
         p = scipy.special.fdtrc(count, own[:, 1:], ratio)

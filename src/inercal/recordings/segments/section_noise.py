@@ -150,7 +150,7 @@ def section_noise_statistics(
             elif np.isfinite(judged.slope_sd).all():
                 # Only two of six measure an accelerometer's bias, so a drift that no test can
                 # detect shifts it.
-                steady = ~judged.disturbance_variance.any(axis=1)
+                steady = np.asarray(~judged.disturbance_variance.any(axis=1))
                 drift.rates[:, own], drift.covariance[own] = drift_of_slopes(
                     cut.of(steady), since[steady], judged.slope_sd, rounding[own]
                 )
