@@ -59,12 +59,11 @@ def record_object(value: Any) -> Any:
     ----------
     value : dataclass, named tuple, mapping, sequence, array, date, number, text or None
     """
-    kind: type[Any] = type(value)
     if isinstance(value, float):
         return value if isfinite(value) else None
     if value is None or isinstance(value, str | int):  # most values
         return value
-    if names := _field_names(kind):
+    if names := _field_names(value.__class__):
         return {name: record_object(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):
         content = cast("Mapping[str, Any]", value)
