@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.estimation.correlation import WHITE, NoiseCorrelation
+from inercal.estimation.correlation import WHITE, Contrasts, NoiseCorrelation
 from inercal.estimation.section_statistics import (
     SectionStatistics,
     analyse_sections,
@@ -37,22 +37,24 @@ def markov(rng: np.random.Generator, tau: float) -> list[Array]:
 
 
 def judged(sections: Sequence[Array], rounding: Array | None = None) -> SectionStatistics:
-    return analyse_sections(
-        [haar_contrasts(one, SECONDS) for one in sections], LABELS, NAMES, rounding
-    )
+    return analyse_sections(cut(sections), LABELS, NAMES, rounding)
+
+
+def cut(sections: Sequence[Array], seconds: float = SECONDS) -> Contrasts:
+    return haar_contrasts(sections, np.full(len(sections), seconds))
 
 
 def test_contrasts_of_white_noise_have_the_variance_of_a_sample() -> None:
-    cut = haar_contrasts(np.random.default_rng(1).standard_normal((160_000, 3)) * 3.0, 1.0)
-    every = np.concatenate(cut.levels)
+    found = cut([np.random.default_rng(1).standard_normal((160_000, 3)) * 3.0], 1.0)
+    every = np.concatenate(found.levels, axis=1)[0]
     assert every.shape == (15, 3)
     assert np.mean(every**2) == pytest.approx(9.0, rel=4 * np.sqrt(2 / every.size))
 
 
 def test_a_trend_of_one_per_second_has_its_reach() -> None:
     time = (np.arange(SAMPLES) + 0.5) * SECONDS / SAMPLES
-    cut = haar_contrasts(np.repeat(time[:, None], 3, axis=1), SECONDS)
-    assert cut.slope == pytest.approx(cut.slope_per_trend, rel=1e-9)
+    found = cut([np.repeat(time[:, None], 3, axis=1)])
+    assert found.slope[0] == pytest.approx(found.slope_per_trend[0], rel=1e-9)
 
 
 def test_white_noise_is_rejected_as_often_as_the_level_says() -> None:
@@ -97,7 +99,7 @@ def test_noise_slower_than_the_sections_rejects_the_model(tau: float) -> None:
 
 
 def levels(section: Array) -> list[Array]:
-    return [row for level in haar_contrasts(section, SECONDS).levels for row in level]
+    return [row for level in cut([section]).levels for row in level[0]]
 
 
 def blocks() -> Array:
@@ -199,13 +201,12 @@ def test_coloured_noise_is_rejected_no_more_often_than_the_level_says() -> None:
     rng = np.random.default_rng(10)
     found: list[list[float]] = []
     for _ in range(100):
-        cut = [haar_contrasts(one, SECONDS) for one in flicker(rng)]
-        found.append([t.p_value for t in analyse_sections(cut, LABELS, NAMES, coloured=True).tests])
+        judged_slow = analyse_sections(cut(flicker(rng)), LABELS, NAMES, coloured=True)
+        found.append([t.p_value for t in judged_slow.tests])
     p = np.array(found)
     assert np.mean(p < 0.05, axis=0).max() < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 100)
     sections = flicker(rng)
     sections[4][SAMPLES // 2 :, 1] += 40.0
-    cut = [haar_contrasts(one, SECONDS) for one in sections]
-    change = analyse_sections(cut, LABELS, NAMES, coloured=True).tests[0]
+    change = analyse_sections(cut(sections), LABELS, NAMES, coloured=True).tests[0]
     assert change.name == "change within e (y)"
     assert change.p_value < 1e-3

@@ -71,7 +71,7 @@ def test_a_drift_over_the_run_is_named_and_taken_off_the_means(settling: bool) -
     assert found.drift is not None
     spread = np.sqrt(np.diagonal(found.drift, axis1=0, axis2=1).T + sd(found) ** 2)
     exact = [G * np.array(step.up) for step in STEPS]
-    assert np.abs((found.without_drift().mean - exact) / spread).max() < 4
+    assert np.abs((found.without_drift.mean - exact) / spread).max() < 4
     # Formulas that take the means as they are have the drift itself in their covariance.
     every = np.diagonal(found.full_covariance).reshape(6, 3)
     assert (np.abs(found.mean - exact) < 2.5 * np.sqrt(every)).all()

@@ -63,18 +63,23 @@ def record_object(value: Any) -> Any:
         return value if isfinite(value) else None
     if value is None or isinstance(value, str | int):  # most values
         return value
-    if is_dataclass(value):
-        return {one.name: record_object(getattr(value, one.name)) for one in fields(value)}
+    if names := _field_names(value.__class__):
+        return {name: record_object(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):
         content = cast("Mapping[str, Any]", value)
         return {key: record_object(one) for key, one in content.items()}
-    if isinstance(value, tuple) and hasattr(cast("Any", value), "_asdict"):
-        return record_object(cast("Any", value)._asdict())
     if isinstance(value, tuple | list):
         return [record_object(one) for one in cast("list[Any]", value)]
     if isinstance(value, np.ndarray):
         return record_object(value.tolist())
     return value.isoformat() if isinstance(value, dt.date) else value
+
+
+@cache
+def _field_names(kind: type) -> tuple[str, ...]:
+    """Return the names of the fields of a dataclass or a named tuple; empty for other types."""
+    named: tuple[str, ...] = getattr(kind, "_fields", ())
+    return tuple(one.name for one in fields(kind)) if is_dataclass(kind) else named
 
 
 def to_utc(text: str) -> str:

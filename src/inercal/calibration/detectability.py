@@ -21,6 +21,7 @@ Commission (external reliability).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import nan, sqrt
 
 import numpy as np
 
@@ -59,8 +60,7 @@ class UndetectableCause:
 def coefficient_definition(sensor: Sensor, full: str) -> ErrorTerm:
     """Return the table entry of a coefficient by full name, even if it is not estimated."""
     axis, short = CoefficientName(full).parts
-    measures = next(a.measures for a in sensor.axes if a.name == axis)
-    return TERMS[measures][short]
+    return TERMS[sensor.measures[axis]][short]
 
 
 def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[UndetectableCause, ...]:
@@ -74,24 +74,29 @@ def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[Undetectabl
     """
     scores = estimate.score_tests.scores
     shifts = _largest_shifts(scores, estimate.std[: len(sensor.coefficients)])
+    groups: dict[tuple[str, str], str] = {}
+    for one in scores:
+        for component in one.components if len(one.components) > 1 else ():
+            groups.setdefault((one.kind, component), one.name)
     found: dict[str, UndetectableCause] = {}
     for one, moved in zip(scores, shifts, strict=True):
         if one.kind not in ("coefficient", "time") or not _is_undetectable(one, moved):
             continue
         sizes = _undetected_sizes(one, moved, sensor)
-        if one.kind == "coefficient":
-            largest = [coefficient_definition(sensor, full).largest for full in one.components]
-            if np.any(sizes > largest):
-                continue
+        if one.kind == "coefficient" and any(
+            size > coefficient_definition(sensor, full).largest
+            for size, full in zip(sizes, one.components, strict=True)
+        ):
+            continue
         if len(one.components) == 1:
-            name = _candidate_group(one, scores)
+            name = groups.get((one.kind, one.components[0]), one.name)
             if name not in found or not sizes[0] >= found[name].size:
-                found[name] = UndetectableCause(name, one.components[0], float(sizes[0]))
+                found[name] = UndetectableCause(name, one.components[0], sizes[0])
         elif one.kind == "coefficient" and one.dof:
-            found.setdefault(one.name, UndetectableCause(one.name, one.components[0], np.nan))
+            found.setdefault(one.name, UndetectableCause(one.name, one.components[0], nan))
     rows = [pair for pair in zip(scores, shifts, strict=True) if pair[0].kind == "row"]
     if 2 * sum(_is_undetectable(*pair) for pair in rows) > len(rows):
-        found["row"] = UndetectableCause("row", "", np.nan)
+        found["row"] = UndetectableCause("row", "", nan)
     return tuple(found.values())
 
 
@@ -123,7 +128,7 @@ def undetectable_exact_parameters(
 
 def _is_undetectable(score: ScoreTest, moved: float) -> bool:
     """Return whether a cause, which shifts a coefficient by `moved` u, reaches 5 u undetected."""
-    eta = float(np.sqrt(score.chi2))
+    eta = sqrt(score.chi2)
     if not score.dof:
         if score.kind in ("row", "time"):  # no plausible size is known, so any shift counts
             return moved > _ROUNDING
@@ -138,31 +143,11 @@ def _largest_shifts(scores: Sequence[ScoreTest], u: Array) -> list[float]:
     return np.max(relative, axis=1, initial=0.0).tolist()[1:]
 
 
-def _undetected_sizes(score: ScoreTest, moved: float, sensor: Sensor) -> Array:
-    """Return the size of each component that shifts a coefficient by 5 u, SI, (k,).
-
-    The size is NaN if it is unknown.
-    """
-    size = np.abs(score.size)
+def _undetected_sizes(score: ScoreTest, moved: float, sensor: Sensor) -> list[float]:
+    """Return the size of each component that shifts a coefficient by 5 u, SI; NaN if unknown."""
+    size: list[float] = np.abs(score.size).tolist()
+    if moved <= 0 or not (score.dof or score.kind == "coefficient"):
+        return [nan] * len(size)
     if not score.dof:
-        if score.kind != "coefficient":
-            return np.full(len(size), np.nan)
-        size = np.array([coefficient_definition(sensor, full).largest for full in score.components])
-    return CRITICAL_SHIFT * size / moved if moved > 0 else np.full(len(size), np.nan)
-
-
-def _candidate_group(score: ScoreTest, scores: Sequence[ScoreTest]) -> str:
-    """Return the name of the candidate with several components that contains this component.
-
-    If there is no such candidate, return the name of the score itself.
-    """
-    return next(
-        (
-            one.name
-            for one in scores
-            if len(one.components) > 1
-            and one.kind == score.kind
-            and score.components[0] in one.components
-        ),
-        score.name,
-    )
+        size = [coefficient_definition(sensor, full).largest for full in score.components]
+    return [CRITICAL_SHIFT * one / moved for one in size]

@@ -66,6 +66,7 @@ GRADE_TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "
 _MAX_SCATTER = 2.0  # times the stated scatter
 _MAX_SCATTER_OF_RESTS = 3.0  # times the scatter measured within rests
 _MAX_SHIFT = 1.0  # U
+_LEAST_CHI2 = 6.6  # no smaller χ² is significant at 1 %, whatever its degrees of freedom
 _SCALE_LIMITS = (0.65, 1.5)  # times nominal; even low-grade sensors are within 25 % of nominal
 _MOST_REASON = 75  # largest number of characters of a reason from a check
 _SHIFTED_BY: dict[CandidateKind, str] = {
@@ -254,7 +255,9 @@ def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> As
         for name, chi2, dof, p in real
     )
     significant = [
-        s for s in score_tests.scores if familywise_p_value(score_tests, s) < SIGNIFICANCE_LEVEL
+        s
+        for s in score_tests.scores
+        if s.chi2 > _LEAST_CHI2 and familywise_p_value(score_tests, s) < SIGNIFICANCE_LEVEL
     ]
     return Assessment(
         tests,

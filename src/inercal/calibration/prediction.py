@@ -362,7 +362,7 @@ def _with_effect(sensor: Sensor, cause: UndetectableCause) -> Sensor:
     axis, term = CoefficientName(cause.component).parts
     named, group = CoefficientName(cause.name).parts
     own = coefficient_definition(sensor, cause.component)
-    kind = next(one.measures for one in sensor.axes if one.name == axis)
+    kind = sensor.measures[axis]
     names = (
         f"{one.name}.{line.name}"
         for one in sensor.axes

@@ -356,14 +356,13 @@ def _undetectable_text(one: UndetectableCause, sensor: Sensor, row_word: str) ->
     """Describe an effect and its size, with two digits, in the report unit."""
     if one.name == "row":
         return f"wrong readings at one {row_word}"
-    measures = {axis.name: axis.measures for axis in sensor.axes}
     words, name = one.name, ""  # the words of a change of the magnetic field
     if one.component.startswith((_DRIFT_PREFIX, CHANGE_PREFIX)):
         # The name is, for example, "drift of ax" or "change of ax within r10".
         axis = one.component.removeprefix(CHANGE_PREFIX).removeprefix(_DRIFT_PREFIX)
         axis = axis.removeprefix("of ").partition(" ")[0]
-        name = f"{axis}.{QUANTITIES[measures[axis]].bias}" if axis in measures else ""
-    elif CoefficientName(one.component).axis in measures:
+        name = f"{axis}.{QUANTITIES[sensor.measures[axis]].bias}" if axis in sensor.measures else ""
+    elif CoefficientName(one.component).axis in sensor.measures:
         words, name = coefficient_words(sensor, one.name, (one.component,)), one.component
     if not name or not np.isfinite(one.size):
         return words
@@ -377,10 +376,9 @@ def _largest_uncertainties(
     """Return the largest uncertainty of each group and unit; empty if nothing was tested."""
     if not (estimate.dof or estimate.groups):
         return []
-    measures = {axis.name: axis.measures for axis in sensor.axes}
     groups: dict[tuple[str, str, str], tuple[float, int, _Uncertainty]] = {}
     for k, (name, std) in enumerate(zip(sensor.coefficients, estimate.std.tolist(), strict=False)):
-        kind = QUANTITIES[measures[CoefficientName(name).axis]].sensor
+        kind = QUANTITIES[sensor.measures[CoefficientName(name).axis]].sensor
         line = sensor.coefficient(name)
         group = line.group.partition("_")[0]  # all temperature terms together
         key = (kind, group, line.unit)

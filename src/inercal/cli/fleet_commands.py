@@ -302,7 +302,7 @@ def _calibrate(
     from inercal.basics.parallel import open_tolerant_executor
     from inercal.fleet.calibration import calibrate_line
 
-    modules = [f"inercal.{name}" for name in _WORKER_MODULES.split()]
+    modules = ["scipy.special", *(f"inercal.{name}" for name in _WORKER_MODULES.split())]
     with (
         progress_status(format_count(len(line.rows), "sensor")) as update,
         open_tolerant_executor(workers, scheduler, modules) as executor,

@@ -10,15 +10,14 @@ section 6.2 (moderated variances).
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
-from inercal.basics.arrays import Array, Indices
+from inercal.basics.arrays import Array, Bools, Indices
 
 COARSE_LEVELS = 2  # levels that reveal a change; the finer levels show the noise
 SMALLEST_VARIANCE = 1e-6  # fraction of the mean variance; below it a section is constant
@@ -26,21 +25,38 @@ _LEVEL = 0.01  # significance level of the likelihood ratio for a correlation
 # Significance levels to exclude a long memory, and to exclude all short memories.
 _EXCLUDED, _EXCLUDED_SHORT = 0.01, 0.05
 _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 3e3, 28)])  # ρ
-_KEPT = 128  # forms of recordings whose ratios are kept
+_KEPT, _FEW_KEPT = 128, 8  # forms of recordings whose correlations and ratios are kept
 _TIMES = 14  # number of values of τ
 _SHORT, _LONG = 1 / 9, 4.0  # in section lengths; the second one looks like a random walk
 _LONG_RATIOS = np.geomspace(0.1, 3e6, 50)  # ρ for the long memory
+_ROUNDED = 1e-12  # of x
 _SURE = 1e9  # degrees of freedom of the prior if sections have equal variances
 
 
 class Contrasts(NamedTuple):
-    """Haar contrasts, slope and sample variance of one section with m channels."""
+    """Haar contrasts and slopes of r sections with m channels.
 
-    seconds: float
-    samples: int
-    levels: tuple[Array, ...]  # (2^(l − 1), m) each
-    slope: Array  # (m,)
-    slope_per_trend: float  # value of `slope` for a trend of one per second
+    A short section has only half as many batches, so its finest level is zero.
+    """
+
+    seconds: Array  # (r,)
+    samples: Indices  # (r,)
+    batches: Indices  # (r,)
+    levels: tuple[Array, ...]  # (r, 2^(l − 1), m) each
+    slope: Array  # (r, m)
+    slope_per_trend: Array  # (r,), value of `slope` for a trend of one per second
+
+    @property
+    def counts(self) -> Indices:
+        """Number of contrasts of one channel at each level, (r, levels)."""
+        counts = 2 ** np.arange(len(self.levels))
+        return np.where(counts < self.batches[:, None], counts, 0)
+
+    def of(self, chosen: Bools) -> "Contrasts":
+        """Return the contrasts of some sections."""
+        levels = tuple(level[chosen] for level in self.levels)
+        parts = [part if isinstance(part, tuple) else part[chosen] for part in self]
+        return Contrasts._make(parts)._replace(levels=levels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +90,9 @@ def _contrast_variance_ratio(ratio: Array, tau: Array, h: Array) -> Array:
 WHITE = NoiseCorrelation()
 
 
-def block_durations(seconds: float, levels: int) -> Array:
-    """Return the block lengths at levels 1, 2, …, (levels,) s."""
-    return np.array([seconds / 2**place for place in range(1, levels + 1)])
-
-
-def contrast_powers(one: Contrasts, size: Array, used: Indices) -> Array:
-    """Return the mean square of the contrasts at each level over all channels, (levels,)."""
-    squares = np.mean((np.concatenate(one.levels)[:, used] / size[used]) ** 2, axis=1)
-    counts = np.array([len(level) for level in one.levels])
-    return np.asarray(np.add.reduceat(squares, np.cumsum(counts) - counts) / counts)
+def block_durations(seconds: Array, levels: int) -> Array:
+    """Return the block lengths at levels 1, 2, … of r sections, (r, levels) s."""
+    return np.asarray(seconds[:, None] / 2.0 ** np.arange(1, levels + 1))
 
 
 class SectionCorrelations(NamedTuple):
@@ -118,32 +127,34 @@ def _compared_correlations(longest: float, shortest: float) -> tuple[NoiseCorrel
     return (WHITE, *grid, *long)
 
 
-@lru_cache(_KEPT)
+@lru_cache(_FEW_KEPT)
 def _contrast_shapes(
-    longest: float, shortest: float, seconds: float, levels: int
+    longest: float, shortest: float, seconds: tuple[float, ...], levels: int
 ) -> tuple[Array, Array]:
-    """Return the variance ratios of contrasts for all `_compared_correlations`, and their logs."""
+    """Return the variance ratios of contrasts for all `_compared_correlations`, and their logs.
+
+    Both are (r, correlations, levels) for r sections.
+    """
     every = _compared_correlations(longest, shortest)
-    ratio, tau = (
-        np.array(part)[:, None] for part in zip(*((c.ratio, c.seconds) for c in every), strict=True)
-    )
-    shape = _contrast_variance_ratio(ratio, tau, block_durations(seconds, levels))
+    blocks = block_durations(np.array(seconds), levels)[:, None]
+    ratio, tau = np.array([(one.ratio, one.seconds) for one in every]).T[..., None]
+    shape = _contrast_variance_ratio(ratio, tau, blocks)
     return shape, np.log(shape)
 
 
-def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> SectionCorrelations:
-    """Return the noise correlation of sections, estimated from their `contrast_powers`."""
-    longest = max(one.seconds for one in sections)
-    shortest = min(one.seconds / 2 ** len(one.levels) for one in sections)
+def fit_correlations(powers: Array, sections: Contrasts) -> SectionCorrelations:
+    """Return the noise correlation of sections from the mean power at each level, (r, levels)."""
+    longest = float(sections.seconds.max())
+    shortest = float((sections.seconds / sections.batches).min())
     every = _compared_correlations(longest, shortest)
-    choices = len(every) - len(_LONG_RATIOS)
-    channels = max(sections[0].levels[0].shape[1], 1)
-    deviance = np.empty((len(sections), len(every)))
-    for k, (power, one) in enumerate(zip(powers, sections, strict=True)):
-        dof = channels * np.array([len(level) for level in one.levels], dtype=np.float64)
-        shape, log = _contrast_shapes(longest, shortest, one.seconds, len(one.levels))
-        own = (power / shape) @ dof / dof.sum()
-        deviance[k] = log @ dof + dof.sum() * np.log(np.maximum(own, SMALLEST_VARIANCE))
+    choices, r = len(every) - len(_LONG_RATIOS), len(powers)
+    counts = max(sections.levels[0].shape[2], 1) * sections.counts[..., None].astype(np.float64)
+    shape, log = _contrast_shapes(
+        longest, shortest, tuple(sections.seconds.tolist()), len(sections.levels)
+    )
+    dof = counts.sum(axis=1)
+    own = (1 / shape @ (counts * powers[..., None]))[..., 0] / dof
+    deviance = (log @ counts)[..., 0] + dof * np.log(np.maximum(own, SMALLEST_VARIANCE))
     total = deviance.sum(axis=0)
     without = (total - deviance)[:, :choices]
     rise = without[:, 0] - without.min(axis=1)
@@ -152,8 +163,8 @@ def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> 
         every[int(np.argmin(row))] if up > bound else WHITE
         for row, up in zip(without, rise, strict=True)
     )
-    if len(sections) < 2 or rise.min() <= bound:
-        return SectionCorrelations(WHITE, (WHITE,) * len(sections) if len(sections) < 2 else others)
+    if r < 2 or rise.min() <= bound:
+        return SectionCorrelations(WHITE, (WHITE,) * r if r < 2 else others)
     short = np.array([one.seconds for one in every]) <= _SHORT * longest
     short[choices:] = False
     least = float(total.min())
@@ -163,17 +174,19 @@ def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> 
     return SectionCorrelations(whole, others, float(rise.min()), walks and slow)
 
 
-def fine_variance(
-    one: Contrasts, power: Array, channels: int, correlation: NoiseCorrelation
-) -> tuple[float, int]:
-    """Return the variance at the fine levels relative to the common scale, and its dof.
+def fine_variances(
+    sections: Contrasts, powers: Array, channels: int, correlation: NoiseCorrelation
+) -> tuple[Array, Array]:
+    """Return each section's variance at the fine levels relative to the common scale, and its dof.
 
-    `power` contains the `contrast_powers` of these channels.
+    `powers` contains the mean power of the contrasts at each level, (r, levels).
     """
-    shape = correlation.contrast_variance_ratio(block_durations(one.seconds, len(one.levels)))
-    counts = [channels * len(level) for level in one.levels[COARSE_LEVELS:]]
-    total = float((power / shape)[COARSE_LEVELS:] @ np.array(counts, dtype=np.float64))
-    return max(total / max(sum(counts), 1), SMALLEST_VARIANCE), sum(counts)
+    blocks = block_durations(sections.seconds, len(sections.levels))
+    shape = correlation.contrast_variance_ratio(blocks)
+    counts = channels * sections.counts[:, COARSE_LEVELS:].astype(np.float64)
+    dof = counts.sum(axis=1)
+    total = np.sum((powers / shape)[:, COARSE_LEVELS:] * counts, axis=1)
+    return np.maximum(total / np.maximum(dof, 1), SMALLEST_VARIANCE), dof
 
 
 def _log_variance(freedom: Array) -> Array:
@@ -187,10 +200,8 @@ def _log_bias(freedom: Array) -> Array:
     return np.asarray(scipy.special.digamma(half) - np.log(half), dtype=np.float64)
 
 
-def moderated_variances(found: Sequence[tuple[float, int]]) -> tuple[Array, Array]:
-    """Return the moderated variances, (r,), and the degrees of freedom of each."""
-    own = np.array([variance for variance, _ in found])
-    dof = np.array([count for _, count in found], dtype=np.float64)
+def moderated_variances(own: Array, dof: Array) -> tuple[Array, Array]:
+    """Return the moderated variances of r sections, (r,), and the degrees of freedom of each."""
     if len(own) < 3:
         return own, dof
     log, expected = np.log(own) - _log_bias(dof), _log_variance(dof)
@@ -205,12 +216,13 @@ def moderated_variances(found: Sequence[tuple[float, int]]) -> tuple[Array, Arra
 
 
 def _inverse_trigamma(y: float) -> float:
-    def off(log: float) -> float:
-        return float(np.log(_log_variance(np.array([2 * np.exp(log)]))[0] / y))
+    """Return x with trigamma(x) = y, by Newton's method for 1/trigamma (Smyth 2004, appendix).
 
-    low, high = -8.0, 18.0
-    if off(high) > 0:
-        return float(np.exp(high))
-    if off(low) < 0:
-        return float(np.exp(low))
-    return float(np.exp(cast("float", scipy.optimize.brentq(off, low, high, xtol=1e-6))))
+    1/trigamma is convex and nearly straight, so the steps approach x from one side.
+    """
+    x, step = 0.5 + 1 / y, np.inf
+    while abs(step) > _ROUNDED * x:
+        value, slope = (float(scipy.special.polygamma(n, x)) for n in (1, 2))
+        step = value * (1 - value / y) / slope
+        x += step
+    return min(x, _SURE)

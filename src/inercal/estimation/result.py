@@ -199,7 +199,7 @@ class Estimate:
         """Probability of a χ² at least as large if noise and model are as stated; 1 if dof is 0."""
         return chi2_tail_probabilities(self.chi2, self.dof, self.noise_dof, self.noise_channels)
 
-    @property
+    @cached_property
     def consistent(self) -> Bools:
         """Whether χ² is within its one-sided 95 % bound or, with groups, no group has excess."""
         if self.groups:
@@ -208,7 +208,7 @@ class Estimate:
             return np.ones(np.shape(self.chi2), dtype=bool)
         return chi2_tail_probabilities(self.chi2, self.dof) >= 1 - _LEVEL
 
-    @property
+    @cached_property
     def birge(self) -> Array:
         """Factor on uncertainties, (...): √(χ²/ν), or 1 if consistent or excess was added."""
         if self.groups:
@@ -230,7 +230,7 @@ class Estimate:
         """Covariance to report, (..., p, p): as modelled, times the squared Birge ratio."""
         return self.birge[..., None, None] ** 2 * self.covariance
 
-    @property
+    @cached_property
     def std(self) -> Array:
         """Standard uncertainties to report, (..., p)."""
         return np.sqrt(np.diagonal(self.stated_covariance, axis1=-2, axis2=-1))

@@ -75,8 +75,9 @@ def chi2_tail_probabilities(
     if dof <= 0:
         return np.ones(np.shape(chi2))
     if np.isinf(noise_dof):
-        few = np.ndim(chi2) == 0 and dof <= _SUMMED_DOF and 0 < chi2 < _SUMMED_CHI2
-        return np.asarray(_chi2_tail(dof, float(chi2)) if few else scipy.special.chdtrc(dof, chi2))
+        if np.ndim(chi2) == 0 and dof <= _SUMMED_DOF and 0 < chi2 < _SUMMED_CHI2:
+            return np.array(_chi2_tail(dof, float(chi2)))
+        return np.asarray(scipy.special.chdtrc(dof, chi2))
     pooled = channels * noise_dof
     mean = (pooled / (pooled - 2)) * ((noise_dof - 2) / noise_dof) if noise_dof > 2 else 1.0
     return np.asarray(scipy.special.fdtrc(dof, pooled, mean * chi2 / dof))
@@ -100,6 +101,8 @@ def chi2_tail_probability(
     chi2: float, dof: int, noise_dof: float = np.inf, channels: int = 1
 ) -> float:
     """Return `chi2_tail_probabilities` for a single χ²."""
+    if noise_dof == np.inf and 0 < dof <= _SUMMED_DOF and 0 < chi2 < _SUMMED_CHI2:
+        return _chi2_tail(dof, chi2)
     return float(chi2_tail_probabilities(np.array(chi2), dof, noise_dof, channels))
 
 

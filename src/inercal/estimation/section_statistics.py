@@ -38,9 +38,9 @@ section 6.2 (moderated variances).
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import comb
+from math import comb, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -54,8 +54,7 @@ from inercal.estimation.correlation import (
     Contrasts,
     NoiseCorrelation,
     block_durations,
-    contrast_powers,
-    fine_variance,
+    fine_variances,
     fit_correlations,
     moderated_variances,
 )
@@ -130,34 +129,41 @@ class SectionStatistics:
         return np.where(known, self.trend_sd, 0.0) * np.sqrt(max(beyond, 0.0))
 
 
-def haar_contrasts(section: Array, seconds: float) -> Contrasts:
-    """Return the contrasts of a section's samples (n, m), n ≥ 8.
+def haar_contrasts(sections: Iterable[Array], seconds: Array) -> Contrasts:
+    """Return the contrasts of r sections of samples, (n, m) each, n ≥ 8, with durations (r,) s.
 
     Contrasts no larger than the floating-point rounding of the samples are set to zero, because a
     section without noise has no scatter to compare with.
     """
-    n = len(section)
-    count = _BATCHES if n >= _FEW_SAMPLES else _FEW_BATCHES
-    edges = np.arange(count + 1) * n // count
-    off = section - section[0]  # exactly zero if nothing changes
-    means = np.add.reduceat(off, edges[:-1], axis=0) / (edges[1:] - edges[:-1])[:, None]
-    rounding = _ROUNDING * np.abs(section).max(axis=0)
-    means = np.where(np.ptp(means, axis=0) > rounding, means, 0.0)
-    size = np.sqrt(n / count)
-    place = np.arange(count) - (count - 1) / 2
-    length = float(np.linalg.norm(place))
-    levels: list[Array] = []
-    merged = means
-    while len(merged) > 1:
-        width = count // len(merged)
-        levels.append((merged[::2] - merged[1::2]) * np.sqrt(width / 2) * size)
-        merged = 0.5 * (merged[::2] + merged[1::2])
-    slope, slope_per_trend = place @ means / length * size, length * seconds / count * size
-    return Contrasts(seconds, n, tuple(reversed(levels)), slope, slope_per_trend)
+    means: list[Array] = []
+    slopes: list[Array] = []
+    numbers: list[tuple[int, int, float]] = []
+    for section in sections:
+        n = len(section)
+        count = _BATCHES if n >= _FEW_SAMPLES else _FEW_BATCHES
+        edges = np.arange(count + 1) * n // count
+        off = section - section[0]  # exactly zero if nothing changes
+        mean = np.add.reduceat(off, edges[:-1], axis=0) / (edges[1:] - edges[:-1])[:, None]
+        rounding = _ROUNDING * np.abs(section).max(axis=0)
+        mean = np.where(np.ptp(mean, axis=0) > rounding, mean, 0.0)
+        place = np.arange(count, dtype=np.float64) - (count - 1) / 2
+        length = sqrt((count**3 - count) / 12)  # the norm of `place`
+        slopes.append(place @ mean * (sqrt(n / count) / length))
+        numbers.append((n, count, length / count * sqrt(n / count)))
+        means.append(mean.repeat(_BATCHES // count, axis=0))
+    samples, batches, reach = (np.array(part) for part in zip(*numbers, strict=True))
+    merged, levels = np.stack(means), list[Array]()
+    size = np.sqrt(samples / _BATCHES)[:, None, None]
+    while merged.shape[1] > 1:
+        left, right, width = merged[:, ::2], merged[:, 1::2], _BATCHES // merged.shape[1]
+        levels.append((left - right) * (sqrt(width / 2) * size))
+        merged = 0.5 * (left + right)
+    coarsest_first, slope = tuple(levels[::-1]), np.stack(slopes)
+    return Contrasts(seconds, samples, batches, coarsest_first, slope, reach * seconds)
 
 
 def analyse_sections(
-    sections: Sequence[Contrasts],
+    sections: Contrasts,
     labels: Sequence[str],
     names: Sequence[str],
     rounding: Array | None = None,
@@ -168,8 +174,8 @@ def analyse_sections(
 
     Parameters
     ----------
-    sections : sequence of r Contrasts
-        Contrasts of m channels.
+    sections : Contrasts
+        Contrasts of r sections in m channels.
     labels : sequence of r str
         Labels of the sections.
     names : sequence of m str
@@ -180,40 +186,44 @@ def analyse_sections(
         Whether the noise is known to have a slow part with any spectrum, such as flicker. Each
         contrast and slope is then compared only with others of the same length.
     """
-    r = len(sections)
-    every = np.concatenate([level for one in sections for level in one.levels])
-    size = np.sqrt(np.mean(every**2, axis=0))  # the rms contrast of each channel
+    r = len(labels)
+    # Levels that a short section does not have are zero.
+    squares = sum(np.sum(level**2, axis=(0, 1)) for level in sections.levels)
+    size = np.sqrt(squares / sections.counts.sum())  # the rms contrast of each channel
     used = np.flatnonzero(size > 0)
-    if not used.size or not r:
+    if not used.size:
         unknown, none = np.full(len(names), np.nan), np.zeros((r, len(names)))
         return SectionStatistics(WHITE, np.ones(r), unknown, unknown, unknown, none)
-    powers = [contrast_powers(one, size, used) for one in sections]
+    relative = [level[..., used] / size[used] for level in sections.levels]
+    powers = np.stack([np.mean(level**2, axis=(1, 2)) for level in relative], axis=1)
     correlations = fit_correlations(powers, sections)
     fitted, others = correlations.whole, correlations.others
     distinct = {id(found): found for found in (fitted, *others)}  # usually only one
     moderated = {
-        key: moderated_variances(
-            [fine_variance(*one, used.size, found) for one in zip(sections, powers, strict=True)]
-        )
+        key: moderated_variances(*fine_variances(sections, powers, used.size, found))
         for key, found in distinct.items()
     }
-    steps = np.zeros(len(names)) if rounding is None else rounding
+    steps = np.zeros(used.size) if rounding is None else rounding[used] / size[used] ** 2
     if coloured:
-        seen = _changes_by_other_sections(sections, size, used)
+        seen = _changes_by_other_sections(relative)
     else:
-        scatters = [[float(part[k]) for part in moderated[id(one)]] for k, one in enumerate(others)]
-        seen = _changes(sections, others, scatters, size, used, steps)
-    seen += _bursts(sections, size, used, steps)
-    worst = min(seen)
-    name = f"{worst.shape} within {labels[worst.section]} ({names[worst.channel]})"
+        scatters = np.array([[part[k] for part in moderated[id(o)]] for k, o in enumerate(others)])
+        seen = _changes(sections, relative, others, scatters, steps)
+    tests = [*_bursts(sections, relative, steps), *seen]
+    p = np.stack([one.p for one in tests], axis=-1)
+    section, channel, kind = (int(k) for k in np.unravel_index(np.argmin(p), p.shape))
+    shape = tests[kind].shape
+    name = f"{shape} within {labels[section]} ({names[used[channel]]})"
     disturbance_variance = np.zeros((r, len(names)))
-    for one in seen:
-        if len(seen) * one.p < _LEVEL:
-            disturbance_variance[one.section, one.channel] += one.variance
-    steady = [one for one, own in zip(sections, disturbance_variance, strict=True) if not own.any()]
-    trend, sd, own, common = _trend(steady, names, size, used, None if coloured else fitted)
+    for one in tests:
+        shift = one.power / sections.samples[:, None] * size[used] ** 2
+        disturbance_variance[:, used] += np.where(p.size * one.p < _LEVEL, shift, 0.0)
+    steady = np.asarray(~disturbance_variance.any(axis=1))
+    trend, sd, own, common = _trend(
+        sections.of(steady), names, size, used, None if coloured else fitted
+    )
     scale = moderated[id(fitted)][0]
-    test = model_test_from_p_value(name, len(seen) * worst.p)
+    test = model_test_from_p_value(name, p.size * float(p[section, channel, kind]))
     # Stated slow noise is part of the model.
     slow = correlations.long and not coloured
     return SectionStatistics(
@@ -226,133 +236,105 @@ def analyse_sections(
         test,
         common,
         ModelTest(_LONG, correlations.rise, 2) if slow else None,
-        worst.shape,
+        shape,
     )
 
 
-class _DisturbanceTest(NamedTuple):
-    """One test within a section: its p-value, and the variance to add to the mean if it rejects."""
+class _DisturbanceTests(NamedTuple):
+    """One test within each of r sections and u used channels."""
 
-    p: float
-    section: int
-    channel: int
     shape: Literal["change", "burst"]
-    variance: float
+    p: Array  # (r, u)
+    power: Array  # (r, u), squared shift of the mean times its samples, relative to the noise
 
 
 def _changes(
-    sections: Sequence[Contrasts],
+    sections: Contrasts,
+    relative: Sequence[Array],
     others: Sequence[NoiseCorrelation],
-    own: Sequence[Sequence[float]],
-    size: Array,
-    used: Indices,
+    own: Array,
     steps: Array,
-) -> list[_DisturbanceTest]:
+) -> list[_DisturbanceTests]:
     """Test each section and channel for changes, compared with the section's own scatter.
 
     `others` is the correlation in the other sections; `own` is the white noise of the section,
-    relative to the common scale, and its degrees of freedom.
+    relative to the common scale, and its degrees of freedom, (r, 2).
     """
-    found: list[_DisturbanceTest] = []
-    for r, (one, by, (white, dof)) in enumerate(zip(sections, others, own, strict=True)):
-        coarse = one.levels[:COARSE_LEVELS]
-        shape = by.contrast_variance_ratio(block_durations(one.seconds, len(coarse)))
-        # Both blocks have one rounding error each.
-        unit = size[used] ** 2
-        of_steps = 0.5 * one.samples * steps[used] / unit
-        for place, (level, part) in enumerate(zip(coarse, shape.tolist(), strict=True)):
-            power = np.sum(level[:, used] ** 2, axis=0)
-            ratio = power / len(level) / unit / (white * part + of_steps)
-            p = scipy.special.fdtrc(len(level), dof, ratio)
-            found += _tests_of_channels(p, r, used, "change", power / 2**place / one.samples)
+    blocks = block_durations(sections.seconds, COARSE_LEVELS)
+    found: list[_DisturbanceTests] = []
+    shapes = [by.contrast_variance_ratio(h) for by, h in zip(others, blocks, strict=True)]
+    # Both blocks have one rounding error each.
+    of_steps = 0.5 * sections.samples[:, None] * steps
+    for place, part in enumerate(np.stack(shapes, axis=1)):
+        power, count = np.sum(relative[place] ** 2, axis=1), 2**place
+        ratio = power / count / ((own[:, 0] * part)[:, None] + of_steps)
+        p = scipy.special.fdtrc(count, own[:, 1:], ratio)
+        found.append(_DisturbanceTests("change", p, power / count))
     return found
 
 
-def _changes_by_other_sections(
-    sections: Sequence[Contrasts], size: Array, used: Indices
-) -> list[_DisturbanceTest]:
+def _changes_by_other_sections(relative: Sequence[Array]) -> list[_DisturbanceTests]:
     """Test for changes by comparison with contrasts at the same level in the other sections."""
-    found: list[_DisturbanceTest] = []
-    for place in range(COARSE_LEVELS):
-        squares = np.stack(
-            [(one.levels[place] / np.where(size > 0, size, 1.0)) ** 2 for one in sections]
-        )
-        squares = squares[..., used]
-        count, others = squares.shape[1], squares[0].size * (len(sections) - 1)
-        for r, one in enumerate(sections):
-            rest = float(squares.sum() - squares[r].sum())
-            for a, k in enumerate(used.tolist()):
-                ratio = float(squares[r, :, a].mean()) / max(
-                    rest / max(others, 1), SMALLEST_VARIANCE
-                )
-                p = float(scipy.special.fdtrc(count, others, ratio)) if others else 1.0
-                power = float(np.sum(one.levels[place][:, k] ** 2))
-                variance = power / 2**place / one.samples  # squared shift of the mean
-                found.append(_DisturbanceTest(p, r, k, "change", variance))
+    found: list[_DisturbanceTests] = []
+    for place, level in enumerate(relative[:COARSE_LEVELS]):
+        power, count = np.sum(level**2, axis=1), 2**place
+        dof = power[1:].size * count
+        rest = (power.sum() - power.sum(axis=1, keepdims=True)) / max(dof, 1)
+        ratio = power / count / np.maximum(rest, SMALLEST_VARIANCE)
+        p = scipy.special.fdtrc(count, dof, ratio) if dof else np.ones(power.shape)
+        found.append(_DisturbanceTests("change", p, power / count))
     return found
 
 
 def _bursts(
-    sections: Sequence[Contrasts], size: Array, used: Indices, steps: Array
-) -> list[_DisturbanceTest]:
+    sections: Contrasts, relative: Sequence[Array], steps: Array
+) -> list[_DisturbanceTests]:
     """Test each section and channel for one or two batches that differ from the others.
 
     An F test compares the one or two largest of c contrasts with the others; its p-value is
     multiplied by the number of possible choices.
     """
-    found: list[_DisturbanceTest] = []
-    counts = [len(one.levels[-1]) for one in sections]
-    for c in dict.fromkeys(counts):
-        own = [r for r, count in enumerate(counts) if count == c]
-        finest = np.stack([sections[r].levels[-1][:, used] for r in own], axis=1)
-        squares = np.sort(finest**2, axis=0)[::-1]
-        samples = np.array([sections[r].samples for r in own])[:, None]
-        least = samples / (2 * c) * steps[used] + SMALLEST_VARIANCE * size[used] ** 2
+    p, power = np.empty((2, 2, *relative[0][:, 0].shape))
+    for level in relative[-2:]:
+        c = level.shape[1]
+        own = sections.batches == 2 * c
+        squares = np.sort(level[own] ** 2, axis=1)[:, ::-1]
+        least = sections.samples[own, None] / (2 * c) * steps + SMALLEST_VARIANCE
         for few in (1, 2):
-            largest = squares[:few].sum(axis=0)
-            rest = squares[few:].mean(axis=0) + least
-            p = comb(c, few) * scipy.special.fdtrc(few, c - few, largest / few / rest)
+            largest = squares[:, :few].sum(axis=1)
+            rest = squares[:, few:].mean(axis=1) + least
+            tail = scipy.special.fdtrc(few, c - few, largest / few / rest)
+            p[few - 1, own] = comb(c, few) * tail
             # Neighbours may have moved in the same direction: their shifts add up.
-            added = few * largest / c / samples
-            for r, one, variance in zip(own, p, added, strict=True):
-                found += _tests_of_channels(one, r, used, "burst", variance)
-    return found
-
-
-def _tests_of_channels(
-    p: Array, section: int, used: Indices, shape: Literal["change", "burst"], variance: Array
-) -> list[_DisturbanceTest]:
-    """Return one test for each of the used channels, from their p-values and variances."""
-    each = zip(p.tolist(), used.tolist(), variance.tolist(), strict=True)
-    return [_DisturbanceTest(one, section, k, shape, added) for one, k, added in each]
+            power[few - 1, own] = few * largest / c
+    return [_DisturbanceTests("burst", *one) for one in zip(p, power, strict=True)]
 
 
 def _trend(
-    sections: Sequence[Contrasts],
+    sections: Contrasts,
     names: Sequence[str],
     size: Array,
     used: Indices,
     correlation: NoiseCorrelation | None,
 ) -> tuple[Array, Array, Array, ModelTest | None]:
     """Return the mean trend, its sd, the sd of one slope, (m,) each, and the trend test."""
-    m, r = len(names), len(sections)
+    m, r = len(names), len(sections.seconds)
     if r < 3:
         return np.full(m, np.nan), np.full(m, np.nan), np.full(m, np.nan), None
-    reach = np.array([one.slope_per_trend for one in sections])
-    slope = np.stack([one.slope for one in sections])
+    reach, slope = sections.slope_per_trend, sections.slope
     square = float(reach @ reach)
     mean = reach @ slope / square
     unit = np.where(size > 0, size, 1.0)
     # In units of their noise, the slopes of all channels scatter as much as contrasts of halves.
     left = ((slope - reach[:, None] * mean) / unit)[:, used]
     total, dof = float(np.sum(left**2)), left.size - used.size
-    for one in sections if correlation is not None else ():
-        assert correlation is not None
-        halves = float(correlation.contrast_variance_ratio(np.array(one.seconds / 2)))
-        for place, level in enumerate(one.levels[1:_OF_SLOPES], 2):
-            shape = float(correlation.contrast_variance_ratio(np.array(one.seconds / 2**place)))
-            total += float(np.sum((level[:, used] / size[used]) ** 2)) / (shape / halves)
-            dof += level[:, used].size
+    if correlation is not None:
+        blocks = block_durations(sections.seconds, _OF_SLOPES)
+        shapes = correlation.contrast_variance_ratio(blocks)
+        for place, level in enumerate(sections.levels[1:_OF_SLOPES], 1):
+            squares = np.sum((level[..., used] / size[used]) ** 2, axis=(1, 2))
+            total += float(np.sum(squares / (shapes[:, place] / shapes[:, 0])))
+            dof += r * 2**place * used.size
     own = np.sqrt(total / dof) * size
     sd = own / np.sqrt(square)
     if not total > 0:

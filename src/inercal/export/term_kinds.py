@@ -75,10 +75,9 @@ def temperature_order(term: ErrorTerm) -> int:
 
 def kinds_of(sensor: Sensor) -> tuple[tuple[Measures, TermKind, int], ...]:
     """Return the quantity, kind and power of temperature for each coefficient."""
-    measures: dict[str, Measures] = {axis.name: axis.measures for axis in sensor.axes}
     found: list[tuple[Measures, TermKind, int]] = []
     for full in sensor.coefficients:
         term = sensor.coefficient(full)
-        sort = measures[CoefficientName(full).axis]
+        sort = sensor.measures[CoefficientName(full).axis]
         found.append((sort, term_kind(sort, term), temperature_order(term)))
     return tuple(found)

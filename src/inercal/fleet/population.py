@@ -19,7 +19,7 @@ from inercal.estimation.uncertainty.conformity import RESULTS, DecisionRule
 from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import Line
-from inercal.fleet.status import STATUS_COLUMNS, LineStatus, rows_status
+from inercal.fleet.status import STATUS_COLUMNS, LineStatus, table_status
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
 Indices = NDArray[np.intp]
@@ -114,7 +114,7 @@ def read_population(line: Line, folder: Path) -> Population:
         There are no results, or no sensor has a calibration.
     """
     table = latest_results(line, folder, _COLUMNS)
-    whole = table.drop_columns(["value", "std"]).to_pylist()
+    line_status = table_status(line, table)
     place = {row.id: k for k, row in enumerate(line.rows)}
     known = [place.get(name, -1) for name in table["id"].to_pylist()]
     status, sets = table["status"].to_pylist(), table["coefficients"].to_pylist()
@@ -156,7 +156,7 @@ def read_population(line: Line, folder: Path) -> Population:
         judged,
         _left_out(len(line.rows), known, status, done, len(rows)),
         sum(map(bool, table[OUTDATED].to_pylist())),
-        rows_status(line, whole),
+        line_status,
     )
 
 

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,9 @@ from inercal.fleet.line import RECORDING, Line
 _NAMES = 1000  # largest number of sensors listed for a reason
 _LINES, _NAMED = 10, 3  # largest number of printed lines of a kind, and of sensors in a line
 STATUS_COLUMNS = ("error", "grade", "conformity", "verdict")
-"""Columns that `rows_status` needs in addition to those that decide which result is valid."""
+"""Columns that `table_status` needs in addition to those that decide which result is valid."""
+
+_USED = ("id", "status", "error", "grade", "conformity", "recording", "recording_sha256")
 
 
 @dataclass(frozen=True)
@@ -100,11 +103,15 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
         Folder with the results; by default `fleet` in the line's folder.
     """
     folder = line.folder / results.FOLDER if out is None else out
-    return rows_status(line, latest_results(line, folder, STATUS_COLUMNS).to_pylist())
+    return table_status(line, latest_results(line, folder, STATUS_COLUMNS))
 
 
-def rows_status(line: Line, rows: Sequence[Mapping[str, Any]]) -> LineStatus:
+def table_status(line: Line, table: results.Table) -> LineStatus:
     """Return the status of a line from its valid results (`latest_results`)."""
+    pc: Any = import_module("pyarrow.compute")
+    # A verdict is long, so only those of unreliable results are converted.
+    bad = table.filter(pc.field("grade") == "unreliable").select(["id", "verdict"]).to_pylist()
+    rows = table.select([*_USED, OUTDATED]).to_pylist()
     counts: Counter[str] = Counter()
     reasons: dict[str, list[str]] = {}
     exact: dict[str, str] = {}
@@ -132,8 +139,7 @@ def rows_status(line: Line, rows: Sequence[Mapping[str, Any]]) -> LineStatus:
     shown = {what: n for what, n in counts.items() if n}
     unreliable = {
         row["id"]: row["verdict"].partition("\n")[0].partition(": ")[2].removesuffix(".")
-        for row in rows
-        if row["grade"] == "unreliable"
+        for row in bad
     }
     alike = _same_recording(line, rows)
     return LineStatus(shown, ranked, conformity, outdated, unreliable, alike)

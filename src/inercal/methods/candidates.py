@@ -215,7 +215,7 @@ def _coefficient_candidates(
         axis = CoefficientName(full).axis
         if full in names or full not in column or not _affects_observations(column[full]):
             continue
-        measures = next(a.measures for a in sensor.axes if a.name == axis)
+        measures = sensor.measures[axis]
         for kind in _family_names(full, families) or [family_name(larger.coefficient(full))]:
             column_of = coefficient_column(larger, full, column[full])
             kinds.setdefault((measures, kind), []).append(column_of)
@@ -342,8 +342,7 @@ def _affects_several_rows(column: Array, rows: Sequence[str]) -> bool:
 
 def _row_labels(observations: Sequence[str], sensor: Sensor) -> list[str]:
     """Return the row label of each observation."""
-    channels = {axis.name: axis.measures for axis in sensor.axes}
-    return [_row_label(label, channels) for label in observations]
+    return [_row_label(label, sensor.measures) for label in observations]
 
 
 def row_candidates(
@@ -375,7 +374,6 @@ def drift_candidates(
     candidates.
     """
     span = np.ptp(time, axis=-1, keepdims=True)
-    channels = {axis.name: axis.measures for axis in sensor.axes}
     rows = _row_labels(observations, sensor)
     labels = list(dict.fromkeys(rows))
     if not (span > 0).all() or len(labels) != time.shape[-1] or len(labels) < 3:
@@ -385,7 +383,7 @@ def drift_candidates(
     result: list[Candidate] = []
     for kind, quantity in QUANTITIES.items():
         own: list[Column] = []
-        for channel in (name for name, measures in channels.items() if measures == kind):
+        for channel in (name for name, one in sensor.measures.items() if one == kind):
             bias = column.get(f"{channel}.{quantity.bias}")
             if bias is not None and _affects_observations(bias * ramp):
                 own.append(Column(f"drift of {channel}", quantity.unit, bias * ramp))

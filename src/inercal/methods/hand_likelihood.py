@@ -40,7 +40,7 @@ from inercal.methods import Priors, mean_problem, observability, solving
 from inercal.methods.mean_problem import ReadingNoise
 from inercal.physics.motion import Motion
 from inercal.physics.plan import HandSteps, Hold, Turn
-from inercal.physics.sensors import Sensor, inverse
+from inercal.physics.sensors import Sensor, nominal_inverse
 from inercal.recordings import Observations
 
 
@@ -190,7 +190,7 @@ def ml(
         These steps do not determine all coefficients. The message names the coefficients and the
         missing steps.
     """
-    observations = observations.without_drift()
+    observations = observations.without_drift
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels]
     missing = [step for step in steps if step.label not in observations.labels]
@@ -243,8 +243,7 @@ def hand_problem(
     if turns and sensor.rank("f") < len("xyz"):
         declared |= _unread_forces([done[k] for k in turns], bench.gravity.value)
     elif turns:
-        bare = Sensor(sensor.name, sensor.axes)
-        mean = inverse(bare, observations.mean[..., turns, :], np.zeros(0)).f
+        mean = observations.mean[..., turns, :] @ nominal_inverse(sensor.axes)[:, :3]
         forces = {
             f"force_{a}[{done[k].label}]": mean[..., j, i]
             for j, k in enumerate(turns)

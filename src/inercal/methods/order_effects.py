@@ -29,8 +29,9 @@ of the formula's standard uncertainty, because C − C_ml is only rounding if th
 as maximum likelihood.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,7 +47,7 @@ from inercal.methods import Fit, Remarks
 from inercal.methods.observability import NOISE_ONLY_NOTE
 from inercal.physics.plan import Hold, Turn
 from inercal.physics.quantities import QUANTITIES
-from inercal.physics.sensors import Sensor
+from inercal.physics.sensors import Axis, Sensor
 from inercal.physics.sensors.coefficient_tables import TERMS, ErrorTerm
 from inercal.recordings import Finding
 
@@ -154,13 +155,10 @@ def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
     if r * len(channels) != len(rows.residual):
         return Remarks()
     order = np.argsort(fit.observations.time, kind="stable").tolist()
-    patterns = list(_patterns(fit, order))
+    remedy = _REVERSED if _has_reverse_order(fit, order) else _BOTH_SENSES
+    patterns, change = _patterns(tuple(fit.steps), sensor.axes, tuple(order), remedy)
     if not patterns:
         return Remarks()
-    change = np.zeros((r, len(channels), len(patterns)))
-    for k, one in enumerate(patterns):
-        change[:, channels.index(one.axis), k] = one.by_row
-    change = change.reshape(r * len(channels), len(patterns))
     shift, visibility = rows.effects(change)
     u = estimate.std[: len(sensor.coefficients)]
     moved = np.max(np.abs(shift[: u.size]) / np.where(u > 0, u, np.inf)[:, None], axis=0)
@@ -182,25 +180,33 @@ def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
     return Remarks(findings=findings)
 
 
-def _patterns(fit: Fit[Hand, Any], order: Sequence[int]) -> Iterator[_Pattern]:
-    """Yield the patterns of each axis; `order` lists the rows in time order."""
-    steps, sensor = fit.steps, fit.sensor
-    reversed_too = _has_reverse_order(fit, order)
-    later = np.empty(len(steps))
-    later[list(order)] = np.arange(len(steps))
-    for axis in sensor.axes:
+@lru_cache
+def _patterns(
+    steps: tuple[Any, ...], axes: tuple[Axis, ...], order: tuple[int, ...], of_senses: str
+) -> tuple[list[_Pattern], Array]:
+    """Return the patterns of each axis, and their effect on all readings, (r m, patterns).
+
+    `order` lists the rows in time order; `of_senses` is the remedy for the sense of the change.
+    """
+    found: list[_Pattern] = []
+    r, m = len(steps), len(axes)
+    later = np.argsort(order)
+    for axis in axes:
         kind = QUANTITIES[axis.measures].sensors
-        for j in range(len(steps) - 1):
+        for j in range(r - 1):
             name = f"step of the {kind} between two positions"
-            yield _Pattern(name, _REPEATED, axis.name, np.where(later > j, 1.0, 0.0))
+            found.append(_Pattern(name, _REPEATED, axis.name, np.where(later > j, 1.0, 0.0)))
         name = f"vibration rectification of the {kind}"
-        yield _Pattern(name, _STILL, axis.name, np.ones(len(steps)))
+        found.append(_Pattern(name, _STILL, axis.name, np.ones(r)))
         if axis.measures != "f":
             continue
         inputs, senses = _inputs_and_senses(steps, np.array(axis.i), order)
-        for by_row, remedy in ((inputs, _REVERSED), (senses, _BOTH_SENSES)):
-            remedy = remedy if reversed_too else _REVERSED
-            yield _Pattern(f"hysteresis of the {kind}", remedy, axis.name, by_row)
+        for by_row, remedy in ((inputs, _REVERSED), (senses, of_senses)):
+            found.append(_Pattern(f"hysteresis of the {kind}", remedy, axis.name, by_row))
+    names, change = [axis.name for axis in axes], np.zeros((r, m, len(found)))
+    for k, one in enumerate(found):
+        change[:, names.index(one.axis), k] = one.by_row
+    return found, change.reshape(r * m, len(found))
 
 
 def _has_reverse_order(fit: Fit[Hand, Any], order: Sequence[int]) -> bool:
@@ -230,7 +236,7 @@ def _inputs_and_senses(
 
 def _bias(sensor: Sensor, one: _Pattern) -> ErrorTerm:
     """Return the table entry for the bias of a pattern's axis."""
-    measures = next(axis.measures for axis in sensor.axes if axis.name == one.axis)
+    measures = sensor.measures[one.axis]
     return TERMS[measures][QUANTITIES[measures].bias]
 
 

@@ -88,7 +88,7 @@ def _solutions(seen: Sequence[ObservedRun]) -> dict[int, Estimate]:
 
 def _solve_together(group: Sequence[ObservedRun]) -> list[Estimate | None]:
     run, inputs = group[0].run, group[0].inputs
-    stacked = _stacked([one.inputs.observations.without_drift() for one in group])
+    stacked = _stacked([one.inputs.observations.without_drift for one in group])
     sensor = inputs.sensor_of_samples(run.sensor)
     return solve_each(lambda: run.solver()(stacked, sensor, run.bench, inputs.plan, run.priors))
 

@@ -189,9 +189,8 @@ def _noise_of_means(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
     rows = estimate.rows()
     if rows is None or len(estimate.observations) != len(rows.residual):
         return
-    measures = {axis.name: axis.measures for axis in sensor.axes}
     kinds = np.array(
-        [measures.get(ObservationName(one).channel, "f") for one in estimate.observations]
+        [sensor.measures.get(ObservationName(one).channel, "f") for one in estimate.observations]
     )
     for kind, quantity in QUANTITIES.items():
         if not np.any(kinds == kind):

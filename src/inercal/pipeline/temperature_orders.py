@@ -35,11 +35,10 @@ def with_orders(sensor: Sensor, orders: Mapping[Measures, Sequence[int]]) -> Sen
     """Return the sensor with only the terms that belong to some orders."""
     ordered = {kind: set(order_terms(kind, MAX_ORDERS)) for kind in orders}
     wanted = {kind: set(order_terms(kind, most)) for kind, most in orders.items()}
-    measures = {axis.name: axis.measures for axis in sensor.axes}
 
     def kept(name: str) -> bool:
         axis, term = CoefficientName(name).parts
-        kind = measures[axis]
+        kind = sensor.measures[axis]
         return kind not in orders or term not in ordered[kind] or term in wanted[kind]
 
     return replace(sensor, coefficients=tuple(n for n in sensor.coefficients if kept(n)))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -209,9 +210,7 @@ class Observations:
                 f"observations: dof is {self.dof}; degrees of freedom must be above 0", key="dof"
             )
         not_finite = "that is not finite"
-        finite = np.isfinite(self.mean)
-        if not finite.all():  # test all numbers at once first: a reduction of short rows is slow
-            self._refuse(~finite.all(-1), "mean", not_finite)
+        self._refuse(~np.isfinite(self.mean).all(-1), "mean", not_finite)
         self._refuse(~np.isfinite(self.covariance).all((-2, -1)), "covariance", not_finite)
         variance = np.diagonal(self.covariance, axis1=-2, axis2=-1)
         self._refuse((variance < 0).any(-1), "covariance", "with a negative variance")
@@ -225,14 +224,15 @@ class Observations:
             self._refuse(~np.isfinite(self.temperature), "temperature", not_finite)
 
     def _refuse(self, bad: NDArray[np.bool_] | np.bool_, key: str, what: str) -> None:
-        rows = np.flatnonzero(np.reshape(bad, (-1, len(self.labels))).any(0))
-        if rows.size:
-            label = self.labels[int(rows[0])]
-            raise InputError(
-                f"observations: {label} (row {rows[0] + 1}) has a {key} {what}; correct it",
-                key=key,
-                names=(label,),
-            )
+        if not bad.any():
+            return
+        row = int(np.argmax(np.reshape(bad, (-1, len(self.labels))).any(0)))
+        label = self.labels[row]
+        raise InputError(
+            f"observations: {label} (row {row + 1}) has a {key} {what}; correct it",
+            key=key,
+            names=(label,),
+        )
 
     @property
     def between_rows(self) -> Array | None:
@@ -261,8 +261,9 @@ class Observations:
             full = full + effect @ np.swapaxes(effect, -1, -2)
         return full
 
+    @cached_property
     def without_drift(self) -> "Observations":
-        """Return the observations with `drift_mean` subtracted from the means."""
+        """Observations with `drift_mean` subtracted from the means."""
         if self.drift_mean is None:
             return self
         return replace(self, mean=self.mean - self.drift_mean, drift_mean=None)

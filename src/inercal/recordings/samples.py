@@ -1,6 +1,7 @@
 """Recorded samples of a run, and marks for its sections."""
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -196,6 +197,12 @@ class Recording:
     def line(self, sample: int) -> int | None:
         """Return the line of a sample in the file; None if unknown."""
         return line_of_row(sample, self.first_row, self.line_breaks)
+
+    def with_findings(self, findings: tuple[Finding, ...]) -> "Recording":
+        """Return the recording with these findings; its median step and gaps stay known."""
+        twin = copy(self)
+        object.__setattr__(twin, "findings", findings)
+        return twin
 
     def take(self, samples: "Indices | NDArray[np.bool_] | slice") -> "Recording":
         """Return the chosen samples, without findings and line numbers."""

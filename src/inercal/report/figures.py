@@ -114,7 +114,6 @@ class _ResidualTable(NamedTuple):
 def _residual_table(outcome: Outcome) -> _ResidualTable:
     """Arrange the residuals in a table, by their names, such as "ax[z_p]", or by their shape."""
     estimate, sensor = outcome.estimate, outcome.calibration.sensor
-    measures = {axis.name: axis.measures for axis in sensor.axes}
     named = [_OBSERVATION_NAME.fullmatch(name) for name in estimate.observations]
     found = [(one[1], one[2]) for one in named if one is not None]
     if len(found) == estimate.whitened.size:
@@ -130,7 +129,7 @@ def _residual_table(outcome: Outcome) -> _ResidualTable:
         whitened, plain = (x.reshape(len(rows), -1) for x in (estimate.whitened, estimate.residual))
         alone = whitened.shape[1] == 1 < len(sensor.axes)
         parts = ["norm"] if alone else [axis.name for axis in sensor.axes]
-    kinds = [measures.get(part) or _row_kind(part) for part in parts]
+    kinds = [sensor.measures.get(part) or _row_kind(part) for part in parts]
     return _ResidualTable(rows, parts, kinds, whitened, plain)
 
 

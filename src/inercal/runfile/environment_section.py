@@ -142,11 +142,10 @@ def _require_estimated(
     If the method does not estimate a quantity for one kind of axes at all, only the others are
     checked. Magnetometers have linear terms only, so beside other axes they are not checked.
     """
-    measures = {axis.name: axis.measures for axis in sensor.axes}
-    terms = {kind: set[str]() for kind in measures.values()}
+    terms = {kind: set[str]() for kind in sensor.measures.values()}
     for name in possible:
         axis, term = CoefficientName(name).parts
-        terms[measures[axis]].add(term)
+        terms[sensor.measures[axis]].add(term)
     highest = {kind: orders_of_terms(kind, own) for kind, own in terms.items()}
     for place, (quantity, order) in enumerate(zip(ORDERED, orders, strict=True)):
         found = {kind: most[place] for kind, most in highest.items()}

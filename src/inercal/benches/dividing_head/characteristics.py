@@ -175,7 +175,7 @@ def head_characteristics(
     plain, warm = rows_without_series(steps), list(warm_up_rows(steps))
     rest = np.arange(len(warm), len(steps), dtype=np.int64)
     varies = temperature_varies(observations.rows(rest.tolist()).temperature)
-    observations = observations.without_drift()
+    observations = observations.without_drift
     motion, declared = sensed_motion(bench, steps, {}), bench.acting_parameters(steps)
     ramps = drift_ramps(steps)
     every, m, g = range(len(steps)), len(sensor.axes), bench.gravity.value

@@ -168,8 +168,6 @@ def audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
     InputError
         The recording is refused because of a finding.
     """
-    if not sensor.select_axes("f").axes:
-        return recording
     return require_accepted(audit_rest_norm(recording, sensor, bench.gravity.value))
 
 

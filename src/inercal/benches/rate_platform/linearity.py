@@ -80,7 +80,7 @@ def straight_lines(
     observations: Observations, sensor: Sensor, bench: RatePlatform, steps: Sequence[PlatformStep]
 ) -> tuple[LineFit, ...]:
     """Return the line of each gyro that was tested at rest and at two or more rates."""
-    motion, observations = bench.mean_motion(steps, {}), observations.without_drift()
+    motion, observations = bench.mean_motion(steps, {}), observations.without_drift
     stated = bench.without_earth_rate().mean_motion(steps, {}).w
     declared = bench.nuisances(steps, sensor)
     noise = observations.full_covariance

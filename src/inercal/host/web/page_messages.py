@@ -36,7 +36,6 @@ def plan_message(run: Run) -> dict[str, Any]:
     """Return the message about the plan; it can be sent before anything moves."""
     sensor, plan = run.sensor, host_plan(run)
     coefficients = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
-    measures = {axis.name: axis.measures for axis in sensor.axes}
     return {
         "sensor": sensor.name,
         "plan": run.path.name,
@@ -56,7 +55,7 @@ def plan_message(run: Run) -> dict[str, Any]:
                 "own": line.name,
                 "symbol": line.symbol,
                 "meaning": line.meaning,
-                "measures": measures[CoefficientName(name).axis],
+                "measures": sensor.measures[CoefficientName(name).axis],
                 "unit": line.unit,
             }
             for name, line in coefficients

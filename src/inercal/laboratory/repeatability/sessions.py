@@ -344,11 +344,10 @@ def similar_coefficients(
 ) -> dict[tuple[str, str, float], tuple[int, ...]]:
     """Group similar coefficients: return their indices by name, unit and SI size of the unit."""
     groups: dict[tuple[str, str, float], list[int]] = {}
-    measures = {axis.name: axis.measures for axis in sensor.axes}
     for place, name in enumerate(names):
         term = sensor.coefficient(name)
         meaning = "misalignment" if term.name in _ROTATED else term.meaning
-        kind = QUANTITIES[measures[CoefficientName(name).axis]].sensors
+        kind = QUANTITIES[sensor.measures[CoefficientName(name).axis]].sensors
         groups.setdefault((f"{meaning} of {kind}", term.unit, term.si), []).append(place)
     return {key: tuple(places) for key, places in groups.items()}
 

@@ -258,7 +258,7 @@ def ml(
     NotObserved
         These sections do not determine all coefficients; the message names them.
     """
-    observations = observations.without_drift()
+    observations = observations.without_drift
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels if label in by_label]
     solving.require_matching_rows(observations, sensor, done)

@@ -203,11 +203,10 @@ def _lag_text(lag: float, sd: float) -> str:
 
 def _loop_conditions(model: RampModel, x: Array) -> dict[str, str]:
     """Return half the width of each axis's largest loop, as text."""
-    measures = {axis.name: axis.measures for axis in model.sensor.axes}
     found: dict[str, str] = {}
     for one in hysteresis(model, x):
         if one.half.size:
-            size, unit = BIAS_UNITS[measures[one.axis]]
+            size, unit = BIAS_UNITS[model.sensor.measures[one.axis]]
             k = int(np.abs(one.half).argmax())
             found[f"hysteresis of {one.axis}"] = (
                 f"{one.half[k] / size:+.3g} {unit} at {one.kelvin[k] - ZERO_CELSIUS:.1f} °C"

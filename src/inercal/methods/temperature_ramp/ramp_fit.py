@@ -268,7 +268,7 @@ def _size(name: str, sensor: Sensor) -> float:
     if name == LAG:
         return 100.0
     axis = ErrorName(name).place
-    return _NATURAL[next(a.measures for a in sensor.axes if a.name == axis)]
+    return _NATURAL[sensor.measures[axis]]
 
 
 def _nuisance_priors(model: RampModel, environment: Environment) -> list[Gaussian]:

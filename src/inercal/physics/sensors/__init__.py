@@ -20,7 +20,7 @@ from inercal.physics.sensors.coefficient_tables import (
     TABLES,
     ErrorTerm,
 )
-from inercal.physics.sensors.inverse import inverse
+from inercal.physics.sensors.inverse import inverse, nominal_inverse
 from inercal.physics.sensors.sensor import Sensor
 
 __all__ = [
@@ -41,6 +41,7 @@ __all__ = [
     "cluster",
     "imu",
     "inverse",
+    "nominal_inverse",
     "output_unit",
     "pair",
     "single",

@@ -21,7 +21,7 @@ instead of flicker noise. Many filters and papers assume this: S(f) = 2 B² τ/(
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -199,6 +199,9 @@ class Axis:
                 names=(self.name,),
             )
 
+    def __hash__(self) -> int:
+        return hash((self.name, self.measures, self.i))  # quick, because much is kept by axes
+
     @cached_property
     def frame(self) -> Array:
         """The directions I, P and O in the sensor's frame, as rows, (3, 3)."""
@@ -225,7 +228,8 @@ class SensedMotion(NamedTuple):
     basis: Array
 
 
-def sensed_motion(axes: Sequence[Axis]) -> SensedMotion:
+@lru_cache
+def sensed_motion(axes: tuple[Axis, ...]) -> SensedMotion:
     """Return the components of the motion that the axes of a sensor measure."""
     names: list[str] = []
     measures: list[Measures] = []

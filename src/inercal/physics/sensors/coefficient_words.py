@@ -37,7 +37,7 @@ _TRIAD_NAME = re.compile(r"[agwm]?([xyz])")
 
 def axis_words(sensor: Sensor, name: str) -> str:
     """Describe an axis in words: "the x gyro", "accelerometer b"."""
-    kind = next(QUANTITIES[axis.measures].sensor for axis in sensor.axes if axis.name == name)
+    kind = QUANTITIES[sensor.measures[name]].sensor
     letter = _TRIAD_NAME.fullmatch(name)
     return f"the {letter[1]} {kind}" if letter else f"{kind} {name}"
 
@@ -56,8 +56,7 @@ def coefficient_words(sensor: Sensor, word: str, components: Sequence[str] = ())
     """
     names = [CoefficientName(one) for one in components or (word,)]
     axes = dict.fromkeys(one.axis for one in names)
-    measures = {axis.name: axis.measures for axis in sensor.axes}
-    tables = [TERMS[measures[one.axis]] for one in names]
+    tables = [TERMS[sensor.measures[one.axis]] for one in names]
     lines = [known[one.term] for one, known in zip(names, tables, strict=True) if one.term in known]
     term = CoefficientName(word).term
     meanings = dict.fromkeys(line.meaning for line in lines)
@@ -67,7 +66,7 @@ def coefficient_words(sensor: Sensor, word: str, components: Sequence[str] = ())
     if len(axes) == 1 and (CoefficientName(word).axis or len(sensor.axes) == 1):
         whose = axis_words(sensor, next(iter(axes)))
     else:
-        kinds = dict.fromkeys(QUANTITIES[measures[axis]].sensors for axis in axes)
+        kinds = dict.fromkeys(QUANTITIES[sensor.measures[axis]].sensors for axis in axes)
         whose = f"the {' and '.join(kinds)}"
     what, *rest = _OF_AXIS.split(meaning, maxsplit=1)
     return f"{what} of {whose}{''.join(rest)} ({word})"

@@ -5,6 +5,8 @@ squares. An affine model needs only one matrix; other models iterate over chunks
 memory stays bounded.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
 from inercal.basics.arrays import Array
@@ -12,6 +14,7 @@ from inercal.basics.errors import InputError, NotInvertible
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import three_axes
+from inercal.physics.sensors.axis import Axis
 from inercal.physics.sensors.sensor import Sensor
 
 _CHUNK = 1 << 16  # samples per chunk, so that a chunk's slopes fit in the outer cache levels
@@ -95,6 +98,22 @@ def inverse(
                 sensor, y[part], c, across[part], rates[part], thermal_part, basis, start, refuse
             )
     return _motion(sensed, np.asarray(rates), thermal)
+
+
+@lru_cache  # because the sensors of a line have the same axes
+def nominal_inverse(axes: tuple[Axis, ...]) -> Array:
+    """Return the matrix from readings without errors to the motion, (m, width).
+
+    The rows of a product y @ matrix are (f, ω), or (f, ω, m) if there are magnetometers.
+
+    Raises
+    ------
+    InputError
+        There are only one or two input axes of a kind.
+    """
+    sensor = Sensor("with these axes", axes)
+    motion = inverse(sensor, np.eye(len(axes)), np.zeros(0))
+    return np.concatenate([motion.f, motion.w, motion.m][: sensor.width // 3], axis=1)
 
 
 def _motion(sensed: Array, rates: Array, thermal: tuple[Array, ...]) -> Motion:

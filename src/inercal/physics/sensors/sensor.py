@@ -7,7 +7,7 @@ coefficients `(..., p)`.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -29,6 +29,29 @@ class Linearisation(NamedTuple):
     reading: Array  # (..., n, m)
     design: Array  # (..., n, m, p)
     slope: Array  # (..., n or 1, m, width)
+
+
+@lru_cache  # because the sensors of a line have the same axes
+def _rank(axes: tuple[Axis, ...], measures: Measures) -> int:
+    return int(np.linalg.matrix_rank(Sensor("", axes).input_axes(measures)))
+
+
+@lru_cache
+def _chosen_terms(axes: tuple[Axis, ...], coefficients: tuple[str, ...]) -> dict[str, ErrorTerm]:
+    """Return the table entries of coefficients by full name; refuse unknown names."""
+    tables = {axis.name: TERMS[axis.measures] for axis in axes}
+    chosen: dict[str, ErrorTerm] = {}
+    for full in coefficients:
+        axis, short = CoefficientName(full).parts
+        known = tables.get(axis, {})
+        if short not in known:
+            raise InputError(
+                f"no coefficient {full!r}; the axes are {', '.join(tables)}"
+                + (f", and {axis} has {', '.join(known)}" if known else ""),
+                names=(full,),
+            )
+        chosen[full] = known[short]
+    return chosen
 
 
 @dataclass(frozen=True)
@@ -74,19 +97,7 @@ class Sensor:
                 "each axis its own name",
                 names=tuple(names),
             )
-        tables = {axis.name: TERMS[axis.measures] for axis in self.axes}
-        chosen: dict[str, ErrorTerm] = {}
-        for full in self.coefficients:
-            axis, short = CoefficientName(full).parts
-            known = tables.get(axis, {})
-            if short not in known:
-                raise InputError(
-                    f"no coefficient {full!r}; the axes are {', '.join(names)}"
-                    + (f", and {axis} has {', '.join(known)}" if known else ""),
-                    names=(full,),
-                )
-            chosen[full] = known[short]
-        object.__setattr__(self, "_terms", chosen)
+        object.__setattr__(self, "_terms", _chosen_terms(self.axes, self.coefficients))
 
     def with_coefficients(self, *chosen: str) -> "Sensor":
         """Return a copy of the sensor with coefficients selected by name, group or axis.
@@ -122,7 +133,7 @@ class Sensor:
 
     def rank(self, measures: Measures) -> int:
         """Return the number of independent directions along which a quantity is measured."""
-        return int(np.linalg.matrix_rank(self.input_axes(measures)))
+        return _rank(self.axes, measures)
 
     @cached_property
     def width(self) -> int:
@@ -138,6 +149,11 @@ class Sensor:
         """Return a copy of the sensor whose white noise includes the rounding of the samples."""
         axes = (replace(axis, noise=axis.noise.rounded(rate_hz)) for axis in self.axes)
         return replace(self, axes=tuple(axes))
+
+    @cached_property
+    def measures(self) -> dict[str, Measures]:
+        """The quantity that each axis measures, by the name of the axis."""
+        return {axis.name: axis.measures for axis in self.axes}
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ or "x_a".
 import json
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -51,6 +52,7 @@ def parse_face(text: str) -> str | None:
     return "-" * (sign < 0) + found["axis"]
 
 
+@lru_cache
 def planned_name(text: str) -> str | None:
     """Return the step of a plan by hand to which a label refers; None if there is none.
 

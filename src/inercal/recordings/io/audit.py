@@ -129,12 +129,12 @@ def audit(
     if not any(finding.severity == "refused" for finding in findings):
         if bursty := burst_findings(cleaned):
             kept = [finding for finding in findings if finding.what not in ("gap", "jitter")]
-            return replace(cleaned, findings=(*kept, *bursty))
+            return cleaned.with_findings((*kept, *bursty))
         if unsigned := unsigned_findings(cleaned):
-            return replace(cleaned, findings=(*findings, *unsigned))
+            return cleaned.with_findings((*findings, *unsigned))
         for k, channel in enumerate(cleaned.channels):
             findings += channel_findings(cleaned, k, limits.get(channel))
-    return replace(cleaned, findings=tuple(findings))
+    return cleaned.with_findings(tuple(findings))
 
 
 def audit_rows(
@@ -162,14 +162,16 @@ def audit_rows(
         found, keep = check(cleaned, _sample_locator(recording, rows))
         if any(finding.severity == "refused" for finding in found):
             findings += [_renumbered(finding, rows) for finding in found]
-            return replace(recording, findings=tuple(findings))
+            return recording.with_findings(tuple(findings))
         findings += found
         if keep is not None:
             cleaned = _compact_in_place(cleaned, keep) if in_place else cleaned.take(keep)
             rows = keep if rows is None else rows[keep]
     for sampled in (gap_findings, jitter_findings, temperature_findings):
         findings += sampled(cleaned)
-    return replace(cleaned, findings=tuple(findings), original=rows)
+    if cleaned.original is not rows:
+        cleaned = replace(cleaned, original=rows)
+    return cleaned.with_findings(tuple(findings))
 
 
 def _sample_locator(recording: Recording, rows: Indices | None) -> SampleLocator:

@@ -8,7 +8,6 @@ is possible, so the check only warns.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from math import degrees, radians, sqrt
 
 import numpy as np
@@ -17,7 +16,7 @@ from inercal.basics.arrays import Array, median_of_rows
 from inercal.estimation import Gaussian
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.plan import Hold, Position, Step
-from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors import G0, Sensor, nominal_inverse
 from inercal.recordings import Finding, Observations, Recording, sample_count
 from inercal.recordings.data.recording_loader import unsigned_column
 from inercal.recordings.io.column_table import BLOCK_ROWS, row_blocks
@@ -91,7 +90,7 @@ def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Rec
     if accelerometers.rank("f") < _ALL:
         return recording
     columns = [recording.channels.index(name) for name in accelerometers.channels]
-    to_force = np.linalg.pinv(accelerometers.input_axes("f")).T
+    to_force = nominal_inverse(accelerometers.axes)[:, :3]
 
     def sensed(rows: slice) -> Array:
         return accelerometers.to_si(recording.data[rows][:, columns]) @ to_force
@@ -100,7 +99,7 @@ def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Rec
     finding = norm_finding(norm, gravity, rest_norm_text(norm, gravity))
     if finding is None:
         return recording
-    return replace(recording, findings=(*recording.findings, finding))
+    return recording.with_findings((*recording.findings, finding))
 
 
 def rest_mean_finding(means: Array, sensor: Sensor, gravity: float) -> Finding | None:

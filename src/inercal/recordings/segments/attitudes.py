@@ -16,7 +16,7 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.physics.plan import Hold
-from inercal.physics.sensors import Sensor, inverse
+from inercal.physics.sensors import Sensor, nominal_inverse
 from inercal.recordings import Finding, Mark, Observations, Recording, Transitions, sample_count
 
 INVALID_SAMPLES = ("saturation", "stuck")
@@ -105,8 +105,7 @@ def holds_from_observations(observations: Observations, sensor: Sensor) -> tuple
         Sensor with at least an accelerometer triad.
     """
     force = sensor.select_axes("f")
-    bare = Sensor(force.name, force.axes)
-    sensed = inverse(bare, observations.mean[:, : len(force.axes)], np.zeros(0)).f
+    sensed = observations.mean[:, : len(force.axes)] @ nominal_inverse(force.axes)[:, :3]
     ups = sensed / np.linalg.norm(sensed, axis=-1, keepdims=True)
     return tuple(
         Hold(label, (float(x), float(y), float(z)), float(seconds))

@@ -26,7 +26,7 @@ import numpy as np
 import scipy
 
 from inercal.basics.arrays import Array
-from inercal.physics.sensors import Sensor, inverse
+from inercal.physics.sensors import Sensor, nominal_inverse
 
 _WINDOWS = 11  # in each rest; in 3 s they pass frequencies below 4 Hz, where a hand's tremor begins
 _CHANGED = 6.63  # 99 % quantile of χ² with one degree of freedom
@@ -116,7 +116,7 @@ def _gravity_projections(
     """Yield each axis's share of a section's mean force, (a,), and the readings along it."""
     force = sensor.select_axes("f")
     a = len(force.axes)
-    back = inverse(Sensor(force.name, force.axes), np.eye(a), np.zeros(0)).f
+    back = nominal_inverse(force.axes)[:, :3]
     for section in sections:
         up = section[:, :a].mean(axis=0) @ back
         part = back @ up / float(np.linalg.norm(up))

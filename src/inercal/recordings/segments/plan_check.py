@@ -13,7 +13,7 @@ import numpy as np
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_number
 from inercal.physics.plan import HandStep, Hold, Turn, describe_direction
-from inercal.physics.sensors import Sensor, inverse
+from inercal.physics.sensors import Sensor, nominal_inverse
 from inercal.recordings import Finding, Mark, Observations, Recording, sample_count
 from inercal.recordings.io.rest_norm import norm_finding
 
@@ -138,29 +138,25 @@ def check_against_plan(
         The mean specific force during a hold has another direction. Or a turn is about another
         axis, by an angle in another unit, or about an axis about which gravity does not turn.
     """
-    columns = {
-        kind: [k for k, axis in enumerate(sensor.axes) if axis.measures == kind] for kind in "fw"
-    }
-    bare = Sensor(sensor.name, sensor.axes)
     findings: list[Finding] = []
     holds = np.array([isinstance(step, Hold) for step in steps])
     if sensor.rank("f") < _ALL:
         findings += _check_components(observations, sensor, steps, gravity)
-        if not columns["f"] and sensor.rank("w") == _ALL:
-            rates = inverse(bare, observations.mean, np.zeros(0)).w
+        if not sensor.rank("f") and sensor.rank("w") == _ALL:
+            rates = observations.mean @ nominal_inverse(sensor.axes)[:, 3:6]
             bias = rates[holds].mean(axis=0) if holds.any() else np.zeros(3)
             for k in np.flatnonzero(~holds).tolist():
                 findings += _check_turn(steps[k], (rates[k] - bias) * observations.duration[k])
         return tuple(findings)
-    sensed = inverse(bare, observations.mean, np.zeros(0))
-    offset = _rough_bias(sensed.f, steps, gravity)
-    if _odd_sizes((sensed.f - offset) / gravity, steps):  # not just an axis that is off by 1 g
-        _check_sizes(sensed.f / gravity, steps)
+    force, rate = np.split((observations.mean @ nominal_inverse(sensor.axes))[:, :6], 2, axis=1)
+    offset = _rough_bias(force, steps, gravity)
+    if _odd_sizes((force - offset) / gravity, steps):  # not just an axis that is off by 1 g
+        _check_sizes(force / gravity, steps)
     for k, step in enumerate(steps):
         if isinstance(step, Hold):
-            f = sensed.f[k] - offset
+            f = force[k] - offset
             if f @ np.array(step.up) < _MEANT * np.linalg.norm(f):
-                read = _vector_text(sensed.f[k] / gravity)
+                read = _vector_text(force[k] / gravity)
                 raise InputError(
                     f"section {step.label} should have {describe_direction(step.up)} up, but "
                     f"the accelerometers read {read} g: check for a mark on the wrong section, "
@@ -168,9 +164,9 @@ def check_against_plan(
                     names=(step.label,),
                 )
         elif sensor.rank("w") == _ALL:
-            bias = sensed.w[holds].mean(axis=0) if holds.any() else np.zeros(3)
-            findings += _check_turn(step, (sensed.w[k] - bias) * observations.duration[k])
-            findings += _check_gravity_turns(step, (sensed.f[k] - offset) / gravity)
+            bias = rate[holds].mean(axis=0) if holds.any() else np.zeros(3)
+            findings += _check_turn(step, (rate[k] - bias) * observations.duration[k])
+            findings += _check_gravity_turns(step, (force[k] - offset) / gravity)
     return tuple(findings)
 
 
@@ -229,7 +225,8 @@ def _check_sizes(f: np.ndarray, steps: Sequence[HandStep]) -> None:
 def _odd_sizes(f: np.ndarray, steps: Sequence[HandStep]) -> list[int]:
     """Return the holds whose force, g, is far from 1 g."""
     holds = [k for k, step in enumerate(steps) if isinstance(step, Hold)]
-    return [k for k in holds if not _POSSIBLE[0] < np.linalg.norm(f[k]) < _POSSIBLE[1]]
+    sizes = np.linalg.norm(f, axis=1)
+    return [k for k in holds if not _POSSIBLE[0] < sizes[k] < _POSSIBLE[1]]
 
 
 def _rough_bias(force: np.ndarray, steps: Sequence[HandStep], gravity: float) -> np.ndarray:

@@ -28,13 +28,13 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, median_of_rows
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.estimation import ModelTest
 from inercal.estimation.section_statistics import largest_change_test
 from inercal.physics.quantities import QUANTITIES
-from inercal.physics.sensors import G0, Sensor, inverse
+from inercal.physics.sensors import G0, Sensor, nominal_inverse
 from inercal.recordings import Finding, Mark, Recording, sample_count
 from inercal.recordings.io.column_table import row_blocks
 from inercal.recordings.observations import HalfSectionChanges
@@ -96,8 +96,9 @@ def require_still(
         for mark, n in zip(marks, size, strict=True)
     ]
     means, scatters = (np.stack(one) for one in zip(*judged, strict=True))
-    reach, own = np.ptp(means, axis=2), np.median(scatters, axis=2)  # (sections, trials, axes)
-    usual = np.median(own, axis=0)
+    # (sections, trials, axes)
+    reach, own = np.ptp(means, axis=2), median_of_rows(np.moveaxis(scatters, 2, 0))
+    usual = median_of_rows(own)
     of_means = own / np.sqrt(np.array(size))[:, None, None]
     fixed = [
         max(_FLOOR[axis.measures], _QUANTA * _step(recording, column) / abs(axis.readout.scale))
@@ -106,7 +107,7 @@ def require_still(
     limit = np.maximum(np.maximum(_USUAL * usual, fixed), _OWN_SCATTER_FACTOR * of_means)
     limit = np.maximum(limit, np.minimum(_OWN_SCATTER_FACTOR * own, _LARGE * usual))
     if len(marks) >= _MIN_SECTIONS:
-        limit = np.maximum(limit, _COMMON * np.median(reach, axis=0))
+        limit = np.maximum(limit, _COMMON * median_of_rows(reach))
     findings: list[Finding] = []
     refused: list[tuple[float, str, str]] = []
     for mark, changes, most in zip(marks, reach, limit, strict=True):
@@ -154,7 +155,8 @@ def _block_statistics(
     """
     data = recording.data[..., mark.start : mark.start + _BLOCK_COUNT * n, columns]
     parts = sensor.to_si(data).reshape(-1, _BLOCK_COUNT, n, len(columns))
-    return np.asarray(parts.mean(axis=2)), np.asarray(parts.std(axis=2))
+    means = np.asarray(parts.mean(axis=2))
+    return means, np.sqrt(np.mean((parts - means[:, :, None]) ** 2, axis=2))
 
 
 def _step(recording: Recording, column: int) -> float:
@@ -241,9 +243,7 @@ def bias_jump_test(
     if not (other_parts and rate.axes):
         return ()
     m = len(force.axes)
-    back = inverse(Sensor(force.name, force.axes), np.eye(m), np.zeros(0)).f
-    turning = Sensor(rate.name, rate.axes)
-    of_rate = inverse(turning, np.eye(len(rate.axes)), np.zeros(0)).w
+    back, of_rate = nominal_inverse(force.axes)[:, :3], nominal_inverse(rate.axes)[:, 3:6]
     columns = [recording.channels.index(name) for name in sensor.channels]
     whole = [sensor.to_si(recording.data[mark.start : mark.stop, columns]) for mark in marks]
     bias = np.mean([section[:, m:].mean(axis=0) for section in whole], axis=0)

@@ -124,7 +124,7 @@ def section_noise_statistics(
     if by_hand:
         steps = np.array([rounding[[axis.measures == "f" for axis in sensor.axes]].max()])
         series = readings_along_gravity(sensor, sections())
-        cut = [haar_contrasts(s[:, None], t) for s, t in zip(series, seconds.tolist(), strict=True)]
+        cut = haar_contrasts((one[:, None] for one in series), seconds)
         judged = analyse_sections(cut, labels, ["accelerometers along gravity"], steps)
         # The sign of a drift's effect changes with the attitude; the norms of all rests reveal the
         # drift.
@@ -134,10 +134,7 @@ def section_noise_statistics(
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if not own:
             continue
-        cut = [
-            haar_contrasts(section[:, own], t)
-            for section, t in zip(sections(), seconds.tolist(), strict=True)
-        ]
+        cut = haar_contrasts((section[:, own] for section in sections()), seconds)
         names = [sensor.axes[k].name for k in own]
         # Slow noise that the sensor's table states is used as stated.
         noises = [sensor.axes[k].noise for k in own]
@@ -153,9 +150,9 @@ def section_noise_statistics(
             elif np.isfinite(judged.slope_sd).all():
                 # Only two of six measure an accelerometer's bias, so a drift that no test can
                 # detect shifts it.
-                steady = np.flatnonzero(~judged.disturbance_variance.any(axis=1)).tolist()
+                steady = np.asarray(~judged.disturbance_variance.any(axis=1))
                 drift.rates[:, own], drift.covariance[own] = drift_of_slopes(
-                    [cut[k] for k in steady], since[steady], judged.slope_sd, rounding[own]
+                    cut.of(steady), since[steady], judged.slope_sd, rounding[own]
                 )
             for k in own:
                 correlation[k] = judged.correlation
@@ -166,7 +163,7 @@ def section_noise_statistics(
 
 
 def drift_of_slopes(
-    sections: Sequence[Contrasts], since: Array, slope_sd: Array, rounding: Array
+    sections: Contrasts, since: Array, slope_sd: Array, rounding: Array
 ) -> tuple[Array, Array]:
     """Estimate the rate and rate change of a drift, (2, m), and their covariance, (m, 2, 2).
 
@@ -175,20 +172,19 @@ def drift_of_slopes(
 
     Parameters
     ----------
-    sections : sequence of r Contrasts
+    sections : Contrasts
     since : (r,) array
     slope_sd : (m,) array
         Standard deviation of `Contrasts.slope`.
     rounding : (m,) array
         Variance that coarse steps add to the mean of each half of a section.
     """
-    reach = np.array([one.slope_per_trend for one in sections])
-    seconds = np.array([one.seconds for one in sections])
+    reach = sections.slope_per_trend
     design = reach[:, None] * np.stack([np.ones(len(since)), since], axis=-1)
     gram = np.linalg.pinv(design.T @ design)
-    rates = gram @ design.T @ np.stack([one.slope for one in sections])
+    rates = gram @ design.T @ sections.slope
     # The means of two halves of T seconds are T/2 apart, and both are rounded.
-    of_steps = 8 * rounding * float(np.mean((reach / seconds) ** 2))
+    of_steps = 8 * rounding * float(np.mean((reach / sections.seconds) ** 2))
     return rates, (slope_sd**2 + of_steps)[:, None, None] * gram
 
 
