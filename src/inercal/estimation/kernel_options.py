@@ -1,9 +1,9 @@
 """Decorators for kernels that compile fast, and records that kernels receive by reference.
 
 The kernels allocate nothing and count no references to arrays. Their caller allocates the arrays
-that they use. Only this module uses options and parts of Numba that are not public, and the allowed
-versions of Numba are limited because of them. All kernels use the `njit` defined here, which also
-accepts kernels cached by another version of inercal.
+that they use. Only this module and `kernel_compiler` use options and parts of Numba that are not
+public, and the allowed versions of Numba are limited because of them. All kernels use the `njit`
+defined here, which also accepts kernels cached by another version of inercal.
 
 Numba passes a named tuple by value, so each call of a kernel would pass hundreds of numbers, and
 the compiler would need most of its time for them. A `record` is stored in memory once per call from
@@ -38,6 +38,8 @@ from numba.extending import (
     typeof_impl,
     unbox,
 )
+
+from inercal.estimation.kernel_compiler import KernelCompiler
 
 C = TypeVar("C", bound=type)
 
@@ -192,7 +194,7 @@ class _StepLibrary(codegen.JITCodeLibrary):
         return self.serialize_using_bitcode()
 
 
-class _StepCompiler(compiler.Compiler):
+class _StepCompiler(KernelCompiler):
     def define_pipelines(self) -> Any:
         name = self.state.func_id.func_qualname
         self.state["library"] = _StepLibrary(self.state.targetctx.codegen(), name)
@@ -201,6 +203,7 @@ class _StepCompiler(compiler.Compiler):
 
 KERNEL_OPTIONS: dict[str, Any] = {
     "cache": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True,
+    "pipeline_class": KernelCompiler,
 }  # fmt: skip
 INNER_OPTIONS: dict[str, Any] = {
     **KERNEL_OPTIONS, "no_cpython_wrapper": True, "pipeline_class": _StepCompiler,
