@@ -19,8 +19,12 @@ fields by name, but cannot create, unpack or return it.
 # pyright: reportUnknownArgumentType=false, reportUnknownParameterType=false
 
 import gc
+import os
+import signal
+import sys
+import warnings
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from types import FunctionType
 from typing import Any, TypeVar
 from zlib import crc32
@@ -39,6 +43,7 @@ from numba.extending import (
     unbox,
 )
 
+from inercal.basics.parallel import available_cores
 from inercal.estimation.kernel_compiler import KernelCompiler
 
 C = TypeVar("C", bound=type)
@@ -281,3 +286,45 @@ def on_compilation(begun: Callable[[], None]) -> Generator[None]:
         yield
     finally:
         event.unregister("numba:compile", listener)
+
+
+_MOST_SECONDS = 120  # after which the other process of `compile_beside` is ended
+
+
+@contextmanager
+def compile_beside(work: Callable[[], object]) -> Generator[None]:
+    """Let another process do some work too as soon as a kernel in the `with` block is compiled.
+
+    Its results are ignored, but when the block ends, its kernels are in the cache. Without a second
+    core, or on a system that cannot fork, this process compiles all kernels.
+    """
+    others: list[int] = []
+
+    def begin() -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter(
+                "ignore"
+            )  # this process may have threads; the other only computes
+            other = os.fork()
+        if other:
+            others.append(other)
+            return
+        try:
+            signal.alarm(_MOST_SECONDS)
+            for stream in (1, 2):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+            work()
+        finally:
+            os._exit(0)
+
+    with (
+        on_compilation(begin)
+        if sys.platform == "linux" and available_cores() > 1
+        else nullcontext()
+    ):
+        try:
+            yield
+        finally:
+            for other in others:
+                with suppress(ChildProcessError):
+                    os.waitpid(other, 0)
