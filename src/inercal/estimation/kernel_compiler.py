@@ -11,6 +11,7 @@ does the same arithmetic in the same order.
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 # pyright: reportIncompatibleMethodOverride=false, reportAttributeAccessIssue=false
+# pyright: reportArgumentType=false
 
 from typing import Any
 
@@ -91,7 +92,7 @@ class _Lower(lowering.Lower):
             )
             value, count = builder.load(at), builder.load(left)
             builder.store(builder.add(value, step), at)
-            builder.store(builder.sub(count, count.type(1), flags=["nsw"]), left)
+            builder.store(builder.sub(count, count.type(1)), left)
             return self._structure(resty, value, builder.icmp_signed(">", count, count.type(0)))
         if expr.op == "getiter" and isinstance(resty, types.RangeIteratorType):
             made = ir_utils.guard(ir_utils.get_definition, self.func_ir, expr.value)
@@ -124,7 +125,11 @@ def _indexed_axes(kind: Any, by: Any) -> int:
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _Lowering(typed_passes.NativeLowering):
     _name = "kernel_lowering"
-    lowering_class = _Lower
+
+    @property
+    def lowering_class(self) -> type[_Lower]:
+        """The class that generates the instructions."""
+        return _Lower
 
 
 _PASSES = (

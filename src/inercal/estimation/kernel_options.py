@@ -25,6 +25,7 @@ import sys
 import warnings
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, nullcontext, suppress
+from importlib import import_module
 from types import FunctionType
 from typing import Any, TypeVar
 from zlib import crc32
@@ -301,6 +302,7 @@ def compile_beside(work: Callable[[], object]) -> Generator[None]:
     others: list[int] = []
 
     def begin() -> None:
+        import_module("inercal.estimation.loaded_numba")  # once, for both processes
         with warnings.catch_warnings():
             warnings.simplefilter(
                 "ignore"
@@ -313,6 +315,7 @@ def compile_beside(work: Callable[[], object]) -> Generator[None]:
             signal.alarm(_MOST_SECONDS)
             for stream in (1, 2):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+            os.closerange(3, 2**16)  # this process alone ends its connections
             work()
         finally:
             os._exit(0)

@@ -113,10 +113,10 @@ def estimate_by_filters(
             for k in indices
         ]
 
-    first, *others = (kind for kind in filter_config.FILTER_KINDS if kind in kinds)
-    with compile_beside(lambda: [run(kind) for kind in others]) if others else nullcontext():
-        results = [run(first)]
-    trials = list(zip(*results, *(run(kind) for kind in others), strict=True))
+    chosen: list[filter_config.FilterKind] = [k for k in filter_config.FILTER_KINDS if k in kinds]
+    with compile_beside(lambda: run(chosen[1])) if len(chosen) > 1 else nullcontext():
+        first = run(chosen[0])
+    trials = list(zip(first, *map(run, chosen[1:]), strict=True))
     for one in chain.from_iterable(trials):
         p = len(one.triad.sensor.coefficients)
         model.require_decided(one.triad, one.covariance[:p, :p], one.course.name)
