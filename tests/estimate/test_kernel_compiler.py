@@ -116,12 +116,12 @@ def _module(path: Path) -> ModuleType:
 @pytest.mark.skipif(sys.platform != "linux" or available_cores() < 2, reason="needs a second core")
 def test_another_process_compiles_what_this_one_needs_next(tmp_path: Path):
     made = _module(tmp_path / "two_kernels_of_a_test.py")
-    with compile_beside(lambda: (made.second(1.0), 1 / 0)):  # its errors have no effect
+    with compile_beside(lambda: (made.second(1.0), 1 / 0), after=0.0):  # its errors have no effect
         assert made.first(1.0) == 2.0
     assert made.second(1.0) == 3.0
     assert sum(made.first.stats.cache_misses.values()) == 1
     assert sum(made.second.stats.cache_hits.values()) == 1
     ran: list[str] = []
-    with compile_beside(lambda: ran.append("")):
+    with compile_beside(lambda: ran.append(""), after=0.0):
         made.first(1.0)  # nothing is compiled
     assert not ran

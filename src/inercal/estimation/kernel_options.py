@@ -25,7 +25,8 @@ import sys
 import warnings
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, nullcontext, suppress
-from importlib import import_module
+from math import inf
+from time import process_time
 from types import FunctionType
 from typing import Any, TypeVar
 from zlib import crc32
@@ -266,10 +267,14 @@ event.register("numba:compile", _CollectionListener())
 
 
 class _CompilationListener(event.Listener):
-    def __init__(self, begun: Callable[[], None]):
+    def __init__(self, begun: Callable[[], None], after: float):
         self._begun: Callable[[], None] | None = begun
+        self._after, self._first = after, inf
 
     def on_start(self, event: object) -> None:
+        self._first = min(self._first, process_time())
+        if process_time() < self._first + self._after:
+            return
         begun, self._begun = self._begun, None
         if begun is not None:
             begun()
@@ -279,9 +284,12 @@ class _CompilationListener(event.Listener):
 
 
 @contextmanager
-def on_compilation(begun: Callable[[], None]) -> Generator[None]:
-    """Call a function as soon as a kernel in the `with` block must be compiled, not loaded."""
-    listener = _CompilationListener(begun)
+def on_compilation(begun: Callable[[], None], after: float = 0.0) -> Generator[None]:
+    """Call a function as soon as a kernel in the `with` block must be compiled, not loaded.
+
+    With `after`, s, call it when another kernel must be compiled after this processor time.
+    """
+    listener = _CompilationListener(begun, after)
     event.register("numba:compile", listener)
     try:
         yield
@@ -289,20 +297,22 @@ def on_compilation(begun: Callable[[], None]) -> Generator[None]:
         event.unregister("numba:compile", listener)
 
 
+_SHARED_SECONDS = 1.5  # of the compilation of the steps that both filters use
 _MOST_SECONDS = 120  # after which the other process of `compile_beside` is ended
 
 
 @contextmanager
-def compile_beside(work: Callable[[], object]) -> Generator[None]:
-    """Let another process do some work too as soon as a kernel in the `with` block is compiled.
+def compile_beside(work: Callable[[], object], after: float = _SHARED_SECONDS) -> Generator[None]:
+    """Let another process do some work too if the kernels in the `with` block are compiled.
 
-    Its results are ignored, but when the block ends, its kernels are in the cache. Without a second
-    core, or on a system that cannot fork, this process compiles all kernels.
+    Its results are ignored, but when the block ends, its kernels are in the cache. It starts
+    `after` some processor time, s, because both processes would compile the first steps, which the
+    kernels share. Without a second core, or on a system that cannot fork, this process compiles all
+    kernels.
     """
     others: list[int] = []
 
     def begin() -> None:
-        import_module("inercal.estimation.loaded_numba")  # once, for both processes
         with warnings.catch_warnings():
             warnings.simplefilter(
                 "ignore"
