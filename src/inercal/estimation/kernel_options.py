@@ -1,9 +1,9 @@
 """Decorators for kernels that compile fast, and records that kernels receive by reference.
 
 The kernels allocate nothing and count no references to arrays. Their caller allocates the arrays
-that they use. Only this module uses options and parts of Numba that are not public, and the allowed
-versions of Numba are limited because of them. All kernels use the `njit` defined here, which also
-accepts kernels cached by another version of inercal.
+that they use. Only this module and `kernel_compiler` use options and parts of Numba that are not
+public, and the allowed versions of Numba are limited because of them. All kernels use the `njit`
+defined here, which also accepts kernels cached by another version of inercal.
 
 Numba passes a named tuple by value, so each call of a kernel would pass hundreds of numbers, and
 the compiler would need most of its time for them. A `record` is stored in memory once per call from
@@ -19,8 +19,14 @@ fields by name, but cannot create, unpack or return it.
 # pyright: reportUnknownArgumentType=false, reportUnknownParameterType=false
 
 import gc
+import os
+import signal
+import sys
+import warnings
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
+from math import inf
+from time import process_time
 from types import FunctionType
 from typing import Any, TypeVar
 from zlib import crc32
@@ -38,6 +44,9 @@ from numba.extending import (
     typeof_impl,
     unbox,
 )
+
+from inercal.basics.parallel import available_cores
+from inercal.estimation.kernel_compiler import KernelCompiler
 
 C = TypeVar("C", bound=type)
 
@@ -192,7 +201,7 @@ class _StepLibrary(codegen.JITCodeLibrary):
         return self.serialize_using_bitcode()
 
 
-class _StepCompiler(compiler.Compiler):
+class _StepCompiler(KernelCompiler):
     def define_pipelines(self) -> Any:
         name = self.state.func_id.func_qualname
         self.state["library"] = _StepLibrary(self.state.targetctx.codegen(), name)
@@ -201,6 +210,7 @@ class _StepCompiler(compiler.Compiler):
 
 KERNEL_OPTIONS: dict[str, Any] = {
     "cache": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True,
+    "pipeline_class": KernelCompiler,
 }  # fmt: skip
 INNER_OPTIONS: dict[str, Any] = {
     **KERNEL_OPTIONS, "no_cpython_wrapper": True, "pipeline_class": _StepCompiler,
@@ -257,10 +267,14 @@ event.register("numba:compile", _CollectionListener())
 
 
 class _CompilationListener(event.Listener):
-    def __init__(self, begun: Callable[[], None]):
+    def __init__(self, begun: Callable[[], None], after: float):
         self._begun: Callable[[], None] | None = begun
+        self._after, self._first = after, inf
 
     def on_start(self, event: object) -> None:
+        self._first = min(self._first, process_time())
+        if process_time() < self._first + self._after:
+            return
         begun, self._begun = self._begun, None
         if begun is not None:
             begun()
@@ -270,11 +284,60 @@ class _CompilationListener(event.Listener):
 
 
 @contextmanager
-def on_compilation(begun: Callable[[], None]) -> Generator[None]:
-    """Call a function as soon as a kernel in the `with` block must be compiled, not loaded."""
-    listener = _CompilationListener(begun)
+def on_compilation(begun: Callable[[], None], after: float = 0.0) -> Generator[None]:
+    """Call a function as soon as a kernel in the `with` block must be compiled, not loaded.
+
+    With `after`, s, call it when another kernel must be compiled after this processor time.
+    """
+    listener = _CompilationListener(begun, after)
     event.register("numba:compile", listener)
     try:
         yield
     finally:
         event.unregister("numba:compile", listener)
+
+
+_SHARED_SECONDS = 1.5  # of the compilation of the steps that both filters use
+_MOST_SECONDS = 120  # after which the other process of `compile_beside` is ended
+
+
+@contextmanager
+def compile_beside(work: Callable[[], object], after: float = _SHARED_SECONDS) -> Generator[None]:
+    """Let another process do some work too if the kernels in the `with` block are compiled.
+
+    Its results are ignored, but when the block ends, its kernels are in the cache. It starts
+    `after` some processor time, s, because both processes would compile the first steps, which the
+    kernels share. Without a second core, or on a system that cannot fork, this process compiles all
+    kernels.
+    """
+    others: list[int] = []
+
+    def begin() -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter(
+                "ignore"
+            )  # this process may have threads; the other only computes
+            other = os.fork()
+        if other:
+            others.append(other)
+            return
+        try:
+            signal.alarm(_MOST_SECONDS)
+            for stream in (1, 2):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+            os.closerange(3, 2**16)  # this process alone ends its connections
+            work()
+        finally:
+            os._exit(0)
+
+    with (
+        on_compilation(begin)
+        if sys.platform == "linux" and available_cores() > 1
+        else nullcontext()
+    ):
+        try:
+            yield
+        finally:
+            for other in others:
+                with suppress(ChildProcessError):
+                    os.waitpid(other, 0)

@@ -10,20 +10,16 @@ for the final calibration are compiled at the end, when the table is at rest.
 # pyright: reportUnknownMemberType=false
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
-from subprocess import DEVNULL, Popen
 
 import numpy as np
 
 from inercal.basics.errors import InercalError
-from inercal.basics.process_settings import prepare_process
 from inercal.benches.turntable import Turntable, require_turntable
 from inercal.estimation import Gaussian
-from inercal.estimation.kernel_options import on_compilation
+from inercal.estimation.kernel_options import compile_beside
 from inercal.host.assembly import SampleAssembler
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks
@@ -34,7 +30,7 @@ from inercal.host.table_state_codec import pack_state
 from inercal.physics.quantities import Measures
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Track
-from inercal.runfile import Run, read
+from inercal.runfile import Run
 
 _RATE = 10.0  # Hz
 _REST = 22.0  # s; a sequential estimator should not need a longer initial rest
@@ -85,14 +81,8 @@ def _compile_estimator(run: Run) -> None:
     """Run the sequential estimator on a rest; if it must be compiled, use two processes."""
     sensor = run.sensor
     if len({axis.measures for axis in sensor.axes}) > 1:
-        # A second process compiles the kernels for the accelerometers, and this process loads them.
-        program = (sys.executable, "-P", "-m", "inercal.host.precompilation", str(run.path))
-        others: list[Popen[bytes]] = []
-        begin = partial(Popen[bytes], program, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
-        with on_compilation(lambda: others.append(begin())):
+        with compile_beside(partial(_follow_part, run, "f")):
             _follow_part(run, "w")
-        for other in others:
-            other.wait()
     _follow_rest(run, sensor, run.priors)
 
 
@@ -162,8 +152,3 @@ def _rest_track(sensor: Sensor, table: Turntable) -> Track:
     reading = [sensed[axis.measures][k % 3] for k, axis in enumerate(sensor.axes)]
     angles = np.zeros((n, len(table.names)))
     return Track(time, np.tile(reading, (n, 1)), angles, np.zeros(n, dtype=np.int64))
-
-
-if __name__ == "__main__":
-    prepare_process()
-    _follow_part(read(Path(sys.argv[1])), "f")

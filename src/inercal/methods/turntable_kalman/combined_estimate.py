@@ -1,6 +1,7 @@
 """Run both filters over one track and combine their estimates."""
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from itertools import chain
 
@@ -10,6 +11,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimation import Estimate, Gaussian
+from inercal.estimation.kernel_options import compile_beside
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.scores import NO_SCORE_TESTS
 from inercal.methods import Priors, temperature
@@ -102,15 +104,19 @@ def estimate_by_filters(
     priors = split_priors(sensor, priors)
     lead = track.reading.shape[:-2]
     filter_config.require_whole_epoch(config.epoch, filter_config.sampling_step(track))
-    trials = [
+    indices = list(np.ndindex(*lead))
+
+    def run(kind: filter_config.FilterKind) -> list[filter_tests.FilterResult]:
         # With several trials only the first has a smoothed time course and tests.
-        [
+        return [
             run_filter(kind, sensor, bench, track.trial(*k), config, priors, smooth=not any(k))
-            for kind in filter_config.FILTER_KINDS
-            if kind in kinds
+            for k in indices
         ]
-        for k in np.ndindex(*lead)
-    ]
+
+    chosen: list[filter_config.FilterKind] = [k for k in filter_config.FILTER_KINDS if k in kinds]
+    with compile_beside(lambda: run(chosen[1])) if len(chosen) > 1 else nullcontext():
+        first = run(chosen[0])
+    trials = list(zip(first, *map(run, chosen[1:]), strict=True))
     for one in chain.from_iterable(trials):
         p = len(one.triad.sensor.coefficients)
         model.require_decided(one.triad, one.covariance[:p, :p], one.course.name)
