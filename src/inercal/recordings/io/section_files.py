@@ -9,6 +9,7 @@ The star may also be in the name of a folder, as in "*degC/run.csv".
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
 from hashlib import sha256
 from itertools import pairwise
@@ -22,7 +23,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.small_files import is_file
 from inercal.recordings import Finding, Recording
 from inercal.recordings.io.audit import audit, audit_rows, require_accepted
-from inercal.recordings.io.read import read_unaudited
+from inercal.recordings.io.read import read_each
 from inercal.recordings.io.table_recording import Columns
 
 _STAR = "*"
@@ -114,13 +115,13 @@ def read_sections(
     parts: dict[str, Recording] = {}
     named = columns.temperature == NAMED
     columns = replace(columns, temperature=None) if named else columns
-    for label, path in matching_files(pattern).items():
-        read = read_unaudited(path, columns)
-        if named:
-            read = replace(read, temperature=_named_temperature(label, path, read, columns))
-        columns = replace(columns, origin=read.origin)  # count from the first file
-        # Channels may be constant in a short rest, so audit them only after joining the files.
-        parts[label] = require_accepted(audit_rows(read, columns.nonfinite, in_place=True))
+    files = matching_files(pattern)
+    with closing(read_each(files.values(), columns)) as recordings:
+        for (label, path), read in zip(files.items(), recordings, strict=True):
+            if named:
+                read = replace(read, temperature=_named_temperature(label, path, read, columns))
+            # Channels may be constant in a short rest, so audit them only after joining the files.
+            parts[label] = require_accepted(audit_rows(read, columns.nonfinite, in_place=True))
     joined = _join(pattern.name, parts)
     return require_accepted(audit(joined, columns.nonfinite, limits, in_place=True))
 
