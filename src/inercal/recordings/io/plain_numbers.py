@@ -15,7 +15,8 @@ import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec
-from io import RawIOBase
+from io import BufferedReader, RawIOBase
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,9 +31,9 @@ from inercal.recordings.io.text_scan import LONGEST_LINE
 SMALLEST = 1 << 22  # bytes; for smaller files, importing pyarrow takes longer than it saves
 _BLOCK = 1 << 17  # bytes parsed at a time; pyarrow reads ahead 32 of these blocks
 _NUMBER_BYTES = b"0123456789+-.eE "
-_SAMPLE_BYTES = 1 << 18  # at the beginning, in the middle and at the end of a file
-_SPARE_ROWS = 1.1  # because lines may be shorter between the samples
-_FEWEST_LINES = 1000  # in the first sample; the layout is then found without reading much more
+_SAMPLE_BYTES = 1 << 20  # at the beginning of a file
+_SPARE_ROWS = 1.25  # because lines may be shorter below the sample
+_FEWEST_LINES = 1000  # in the sample; the layout is then found without reading much more
 
 
 class _NotPlainError(ValueError):
@@ -60,19 +61,15 @@ class PlainTable(NamedTuple):
 
 
 def probable_rows(path: Path) -> int:
-    """Return more rows than a text file probably has; 0 if it is small or obviously not plain."""
+    """Return more rows than a text file probably has; 0 if it is short or obviously not plain."""
     size = path.stat().st_size
     if size < SMALLEST or find_spec("pyarrow") is None:
         return 0
-    samples: list[bytes] = []
-    with path.open("rb", buffering=0) as file:
-        for start in (0, size // 2, max(size - _SAMPLE_BYTES, 0)):
-            file.seek(start)
-            samples.append(file.read(_SAMPLE_BYTES))
-    if b"\0" in samples[0] or samples[0].count(b"\n") < _FEWEST_LINES:
+    with path.open("rb") as file:
+        sample = file.read(_SAMPLE_BYTES)
+    if b"\0" in sample or (lines := sample.count(b"\n")) < _FEWEST_LINES:
         return 0
-    most = max(sample.count(b"\n") / max(len(sample), 1) for sample in samples)
-    return int(_SPARE_ROWS * size * most) + 1
+    return int(_SPARE_ROWS * size * lines / len(sample)) + 1
 
 
 def load_plain(
@@ -105,7 +102,7 @@ def _load(
 ) -> PlainTable:
     parts: dict[int, list[NDArray[np.str_]]] = {k: [] for k in words}
     n = 0
-    with path.open("rb", buffering=0) as file:
+    with path.open("rb") as file:
         source = _ScannedBytes(file, layout, bool(words))
         for batch in _batches(source, layout, places, words):
             rows = int(batch.num_rows)
@@ -132,7 +129,7 @@ def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[str]) -> Iter
     """
     names = [str(layout.names.index(name)) for name in columns]
     try:
-        with path.open("rb", buffering=0) as file:
+        with path.open("rb") as file:
             for batch in _batches(_PlainBytes(file, layout), layout, names, ()):
                 found = [np.from_dlpack(batch.column(name)) for name in names]
                 yield np.stack([np.asarray(one, np.float64) for one in found], axis=1)
@@ -168,35 +165,22 @@ def _batches(
     )
 
 
-def _skip_lines(file: RawIOBase, lines: int) -> None:
-    """Move to the start of a line by skipping the given number of lines."""
-    start, skipped = 0, 0
-    while skipped < lines:
-        block = file.read(_BLOCK) or b""
-        if not block or b"\r" in block.replace(b"\r\n", b"").rstrip(b"\r"):
-            raise _NotPlainError  # a lone carriage return may end a line
-        ends = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n"))
-        left = lines - skipped
-        if left <= ends.size:
-            file.seek(start + int(ends[left - 1]) + 1)
-            return
-        start, skipped = start + len(block), skipped + ends.size
-
-
 class _PlainBytes(RawIOBase):
     """The part of a file below its header; raises `_NotPlainError` for content that is not plain.
 
     Parameters
     ----------
-    file : RawIOBase
+    file : BufferedReader
     layout : TextLayout
     words : bool
         Whether columns of words are wanted.
     """
 
-    def __init__(self, file: RawIOBase, layout: TextLayout, words: bool = False):
+    def __init__(self, file: BufferedReader, layout: TextLayout, words: bool = False):
         self._file, self._lines = file, layout.first_line - 1
-        _skip_lines(file, self._lines)
+        self._header = b"".join(islice(file, self._lines))
+        if b"\r" in self._header.replace(b"\r\n", b""):
+            raise _NotPlainError  # a lone carriage return may end a line
         suspect = b'"(\0\r\n' + layout.comment.encode()
         numbers = _NUMBER_BYTES + (layout.delimiter or "").encode()
         self._plain = bytes(range(256)).translate(None, suspect) if words else numbers
@@ -213,7 +197,7 @@ class _PlainBytes(RawIOBase):
         _NotPlainError
             The bytes are not plain.
         """
-        block = self._file.read(size) or b""
+        block = self._file.read(size)
         ends = block.translate(None, self._plain)
         if ends.strip(b"\r\n"):
             raise _NotPlainError
@@ -232,14 +216,11 @@ class _ScannedBytes(_PlainBytes):
         Number of the last line that is not blank (1-based).
     """
 
-    def __init__(self, file: RawIOBase, layout: TextLayout, words: bool):
+    def __init__(self, file: BufferedReader, layout: TextLayout, words: bool):
         super().__init__(file, layout, words)
-        start = file.tell()
-        file.seek(0)
-        header = file.read(start) or b""
-        if b"\0" in header or len(header) > LONGEST_LINE:
+        if b"\0" in self._header or len(self._header) > LONGEST_LINE:
             raise _NotPlainError
-        self.digest, self.last_line = hashlib.sha256(header), 0
+        self.digest, self.last_line = hashlib.sha256(self._header), 0
         self._decoder = codecs.getincrementaldecoder("utf-8")() if words else None
 
     def read(self, size: int = -1, /) -> bytes:

@@ -23,6 +23,7 @@ from inercal.recordings.io.readers import (
     MOST_VALUES_OPTION,
     Reader,
     refuse_unknown_options,
+    refuse_wrong_content,
     select_reader,
 )
 from inercal.recordings.io.simulation_mark import stored_mark
@@ -35,7 +36,6 @@ from inercal.recordings.io.table_recording import (
 )
 from inercal.recordings.io.time_stamps import nearest_samples
 from inercal.recordings.io.wrapped_numbers import sign_in_place
-from inercal.recordings.io.wrong_content import refuse_wrong_content
 
 _LONG = 1 << 23  # bytes; for shorter files, starting a reading process takes longer than it saves
 _MOST_AT_ONCE = 4  # files, because of the memory that reading them takes
