@@ -28,7 +28,7 @@ from inercal.recordings.data.recording_loader import (
     readback_units,
     reader_columns,
 )
-from inercal.recordings.io.section_files import is_pattern
+from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.simulation_mark import SIMULATION_OF
 from inercal.runfile import Run, read
 

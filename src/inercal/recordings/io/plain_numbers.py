@@ -18,7 +18,7 @@ from importlib.util import find_spec
 from io import BufferedReader, RawIOBase
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +26,12 @@ from numpy.typing import NDArray
 from inercal.basics.errors import InputError
 from inercal.recordings.io.column_table import Array, label_array, shorten
 from inercal.recordings.io.text_layout import TextLayout
-from inercal.recordings.io.text_scan import LONGEST_LINE
+from inercal.recordings.io.text_scan import LONGEST_LINE, Scan
 
 SMALLEST = 1 << 22  # bytes; for smaller files, importing pyarrow takes longer than it saves
 _BLOCK = 1 << 17  # bytes parsed at a time; pyarrow reads ahead 32 of these blocks
 _NUMBER_BYTES = b"0123456789+-.eE "
 _SAMPLE_BYTES = 1 << 20  # at the beginning of a file
-_SPARE_ROWS = 1.25  # because lines may be shorter below the sample
 _FEWEST_LINES = 1000  # in the sample; the layout is then found without reading much more
 
 
@@ -40,28 +39,8 @@ class _NotPlainError(ValueError):
     """The file contains text that the two parsers might read differently."""
 
 
-class PlainTable(NamedTuple):
-    """What a plain file contains besides numbers.
-
-    Parameters
-    ----------
-    labels : dict of int to (n,) array of str
-        Columns of words by column number.
-    rows : int
-    sha256 : str
-        Hash of the file in hexadecimal.
-    lines : int
-        Number of the last line that is not blank (1-based).
-    """
-
-    labels: dict[int, NDArray[np.str_]]
-    rows: int
-    sha256: str
-    lines: int
-
-
 def probable_rows(path: Path) -> int:
-    """Return more rows than a text file probably has; 0 if it is short or obviously not plain."""
+    """Return about how many rows a text file has; 0 if it is short or obviously not plain."""
     size = path.stat().st_size
     if size < SMALLEST or find_spec("pyarrow") is None:
         return 0
@@ -69,13 +48,13 @@ def probable_rows(path: Path) -> int:
         sample = file.read(_SAMPLE_BYTES)
     if b"\0" in sample or (lines := sample.count(b"\n")) < _FEWEST_LINES:
         return 0
-    return int(_SPARE_ROWS * size * lines / len(sample)) + 1
+    return size * lines // len(sample)
 
 
 def load_plain(
     path: Path, layout: TextLayout, places: Mapping[str, Array], words: Collection[int]
-) -> PlainTable | None:
-    """Read numbers into `places`, and return everything else.
+) -> tuple[dict[int, NDArray[np.str_]], int, Scan] | None:
+    """Read numbers into `places`; return the columns of words, the number of rows, and the scan.
 
     Return None if the file is small or not plain, if it has more rows than `places`, or if pyarrow
     is not installed. The content of `places` is then undefined.
@@ -99,7 +78,7 @@ def load_plain(
 
 def _load(
     path: Path, layout: TextLayout, places: Mapping[str, Array], words: Collection[int]
-) -> PlainTable:
+) -> tuple[dict[int, NDArray[np.str_]], int, Scan]:
     parts: dict[int, list[NDArray[np.str_]]] = {k: [] for k in words}
     n = 0
     with path.open("rb") as file:
@@ -116,7 +95,7 @@ def _load(
                 part.append(label_array(cells, layout.names[k], path.name))
             n += rows
     labels = {k: np.concatenate(part) for k, part in parts.items()}
-    return PlainTable(labels, n, source.digest.hexdigest(), source.last_line)
+    return labels, n, Scan(source.digest.hexdigest(), source.last_line, n)
 
 
 def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[str]) -> Iterator[Array]:

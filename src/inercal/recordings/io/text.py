@@ -38,6 +38,7 @@ from inercal.recordings.io.text_layout import (
 )
 from inercal.recordings.io.text_scan import Scan, scan
 
+_SPARE_ROWS = 1.25  # because lines may be shorter below those from which the rows are estimated
 _LARGEST_EXACT = 2.0**53  # float64 represents all smaller whole numbers exactly
 _MOST_BREAKS = 10_000  # in the numbering of lines, due to blank lines and comments between rows
 
@@ -63,7 +64,7 @@ def read_text(path: Path, wanted: ReadRequest, skip: int = 0) -> Table:
     if (rows := probable_rows(path)) and skip >= 0:
         # Whatever is wrong is reported below, because an error of the scan comes first.
         with suppress(InputError, ValueError):
-            return _read(path, wanted, skip, rows)
+            return _read(path, wanted, skip, int(_SPARE_ROWS * rows) + 1)
     found = scan(path)
     if skip < 0:
         raise InputError(f"[data] skip is {skip}; it counts lines, 0 or more", key="[data] skip")
@@ -83,18 +84,16 @@ def _read(
     blank, block = wanted.empty_columns(most_rows, [layout.names[k] for k in sorted(numbers)])
     places = {str(k): blank[layout.names[k]] for k in numbers}
     plain = load_plain(path, layout, places, words)
-    if plain is not None and plain.rows <= most_rows:
-        sha256, last_line = plain.sha256, plain.lines
-    elif found is not None:
-        sha256, last_line = found.sha256, found.lines
-    else:
+    if plain is not None and plain[1] <= most_rows:
+        found = plain[2]
+    if found is None:
         raise ValueError
     try:
         labels, n = plain[:2] if plain else _load(path, layout, places, words, fill=set())
     except _RowError as error:
         # The row number from the parser is only a hint about where to look first.
         for skip in (error.row - 2, 0):
-            if _check_cells(path, layout, numbers, skip, last_line):
+            if _check_cells(path, layout, numbers, skip, found.lines):
                 break
         else:
             raise InputError(f"{path.name}: {shorten(str(error), 120)}") from error
@@ -113,14 +112,14 @@ def _read(
         ):
             read[name] = _whole_numbers(path, layout, k, blank[name][:n])
     # If there are comments or blank lines between the data, row k is not line first_line + k.
-    rows_are_lines = layout.first_line + n - 1 == last_line
+    rows_are_lines = layout.first_line + n - 1 == found.lines
     breaks = () if rows_are_lines else _line_breaks(path, layout, n)
     first_line = layout.first_line if rows_are_lines else 0
     return Table(
         layout.names,
         read,
         path.name,
-        sha256,
+        found.sha256,
         first_line,
         layout.header,
         block=block[:n],
