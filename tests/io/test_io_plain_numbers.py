@@ -27,6 +27,7 @@ def loads(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
         return result
 
     monkeypatch.setattr(plain_numbers, "SMALLEST", 0)
+    monkeypatch.setattr(plain_numbers, "_FEWEST_LINES", 0)
     monkeypatch.setattr(text, "load_plain", load_plain)
     return found
 
@@ -88,6 +89,55 @@ def test_columns_of_words_are_the_same_labels(loads: list[bool], tolerant: Read,
     wanted = ReadRequest(None, ("step",))
     assert content(text.read_text, path, wanted) == content(tolerant, path, wanted)
     assert loads == [True]
+
+
+@pytest.mark.parametrize("label", [",süd", ""])
+@pytest.mark.parametrize("tail", ["", "\n", "\r\n\r\n"])
+def test_a_plain_file_is_scanned_while_it_is_parsed(
+    monkeypatch: pytest.MonkeyPatch, loads: list[bool], tmp_path: Path, label: str, tail: str
+):
+    path = tmp_path / "a.csv"
+    rows = [f"{k},{k / 7!r}{label}" for k in range(20_000)]
+    path.write_text("\n".join(["# µ", "t,x,y"[: 5 if label else 3], *rows]) + tail, "utf-8")
+    expected = scan(path)
+    monkeypatch.setattr(text, "scan", lambda _: pytest.fail("read twice"))
+    table = text.read_text(path, ALL)
+    assert (table.sha256, table.rows) == (expected.sha256, len(rows))
+    assert table.line(len(rows) - 1) == expected.lines == len(rows) + 2
+    assert loads == [True]
+
+
+@pytest.mark.parametrize("wanted", [ALL, ReadRequest(("label",))])
+def test_more_rows_than_the_samples_show_are_read(
+    monkeypatch: pytest.MonkeyPatch, loads: list[bool], tolerant: Read, tmp_path: Path,
+    wanted: ReadRequest,
+):  # fmt: skip
+    path = tmp_path / "a.csv"
+    path.write_text("t,label\n" + "".join(f"{k},north\n" for k in range(50)))
+    monkeypatch.setattr(text, "probable_rows", lambda _: 39)
+    assert content(text.read_text, path, wanted) == content(tolerant, path, wanted)
+    assert loads[-1]
+    assert len(loads) == 2
+
+
+@pytest.mark.parametrize("wrong", [b"\xff", b"\0", b"7" * (LONGEST_LINE + 1)])
+def test_what_is_no_text_is_refused_before_a_missing_column(
+    loads: list[bool], tmp_path: Path, wrong: bytes
+):
+    path = tmp_path / "a.csv"
+    for place in (0, 7, 30):  # in the header, in the first row, below
+        content_ = b"time,x,north\n" + b"1,2,north\n" * 9
+        path.write_bytes(content_[:place] + wrong + content_[place:])
+        for names in (("time",), ("time", "north"), ("y",)):
+            with pytest.raises(InputError) as expected:
+                scan(path)
+            with pytest.raises(InputError) as found:
+                text.read_text(path, ReadRequest(names))
+            assert (str(found.value), found.value.line) == (
+                str(expected.value),
+                expected.value.line,
+            )
+    assert True not in loads
 
 
 def test_odd_files_are_read_or_refused_as_by_the_tolerant_way(

@@ -25,7 +25,7 @@ from inercal.physics.plan import TableStep, table_steps
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Finding
 from inercal.recordings.data import RunBase
-from inercal.recordings.io.section_files import is_pattern, matching_files
+from inercal.recordings.io.file_patterns import is_pattern, matching_files
 from inercal.runfile.environment_section import TemperatureOrder
 from inercal.runfile.job import JobSection
 

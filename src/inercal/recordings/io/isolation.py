@@ -21,6 +21,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable, Generator
+from contextlib import suppress
 from functools import partial
 from io import RawIOBase
 from pathlib import Path
@@ -339,11 +340,10 @@ _idle: list[_Process] = []
 
 def _idle_process() -> _Process:
     """Return a process that is not reading anything."""
-    while _idle:
-        process = _idle.pop()
-        if process.running:
-            return process
-        process.end()
+    with suppress(IndexError):  # several threads may take the processes
+        while not (process := _idle.pop()).running:
+            process.end()
+        return process
     return _Process()
 
 

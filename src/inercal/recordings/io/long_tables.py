@@ -19,14 +19,13 @@ from inercal.basics.errors import InputError
 from inercal.recordings.io.column_table import BLOCK_ROWS, Column, Table, file_sha256
 from inercal.recordings.io.hdf5 import long_blocks, long_columns
 from inercal.recordings.io.isolation import read_isolated, stream_isolated
-from inercal.recordings.io.plain_numbers import plain_blocks
+from inercal.recordings.io.plain_numbers import plain_blocks, probable_rows
 from inercal.recordings.io.read import detect_reader
 from inercal.recordings.io.readers import Reader
 from inercal.recordings.io.text_layout import sniff
 
 HEAD_ROWS = 1 << 15
 """Number of rows that are used to recognise columns."""
-_SAMPLE_BYTES = 1 << 20  # from which the number of rows in a text file is estimated
 
 
 @dataclass(frozen=True)
@@ -101,11 +100,8 @@ def open_long_table(path: Path, most_values: int, skip: int = 0) -> LongTable | 
 
 def _open_text(path: Path, skip: int) -> LongTable | None:
     layout = sniff(path, skip)
-    if not layout.is_plain or layout.text_columns or find_spec("pyarrow") is None:
+    if not layout.is_plain or layout.text_columns or not (rows := probable_rows(path)):
         return None
-    with path.open("rb") as file:
-        sample = file.read(_SAMPLE_BYTES)
-    rows = path.stat().st_size * max(sample.count(b"\n"), 1) // max(len(sample), 1)
     return LongTable(path, layout.names, rows, partial(plain_blocks, path, layout))
 
 

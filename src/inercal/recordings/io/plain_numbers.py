@@ -5,12 +5,18 @@ separators, spaces and line ends. If columns of words are wanted, it must contai
 comment or bracket. Both parsers round correctly, so the numbers are equal to the last bit. If
 pyarrow refuses a file, for example because of an empty cell or a row of a different length, the
 tolerant parser reads it instead and fills the cell or names the line.
+
+A thread of pyarrow reads, checks and hashes each block while the blocks before it are parsed, so a
+plain file is read only once.
 """
 
+import codecs
+import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec
-from io import RawIOBase
+from io import BufferedReader, RawIOBase
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -20,30 +26,45 @@ from numpy.typing import NDArray
 from inercal.basics.errors import InputError
 from inercal.recordings.io.column_table import Array, label_array, shorten
 from inercal.recordings.io.text_layout import TextLayout
+from inercal.recordings.io.text_scan import LONGEST_LINE, Scan
 
 SMALLEST = 1 << 22  # bytes; for smaller files, importing pyarrow takes longer than it saves
 _BLOCK = 1 << 17  # bytes parsed at a time; pyarrow reads ahead 32 of these blocks
-_NUMBER_BYTES = b"0123456789+-.eE \r\n"
+_NUMBER_BYTES = b"0123456789+-.eE "
+_SAMPLE_BYTES = 1 << 20  # at the beginning of a file
+_FEWEST_LINES = 1000  # in the sample; the layout is then found without reading much more
 
 
 class _NotPlainError(ValueError):
     """The file contains text that the two parsers might read differently."""
 
 
+def probable_rows(path: Path) -> int:
+    """Return about how many rows a text file has; 0 if it is short or obviously not plain."""
+    size = path.stat().st_size
+    if size < SMALLEST or find_spec("pyarrow") is None:
+        return 0
+    with path.open("rb") as file:
+        sample = file.read(_SAMPLE_BYTES)
+    if b"\0" in sample or (lines := sample.count(b"\n")) < _FEWEST_LINES:
+        return 0
+    return size * lines // len(sample)
+
+
 def load_plain(
     path: Path, layout: TextLayout, places: Mapping[str, Array], words: Collection[int]
-) -> tuple[dict[int, NDArray[np.str_]], int] | None:
-    """Read numbers into `places`, and return the columns of words and the number of rows.
+) -> tuple[dict[int, NDArray[np.str_]], int, Scan] | None:
+    """Read numbers into `places`; return the columns of words, the number of rows, and the scan.
 
-    Return None if the file is small or not plain, or if pyarrow is not installed. The content of
-    `places` is then undefined.
+    Return None if the file is small or not plain, if it has more rows than `places`, or if pyarrow
+    is not installed. The content of `places` is then undefined.
 
     Parameters
     ----------
     path : Path
     layout : TextLayout
     places : mapping of str to (n,) array
-        Arrays for the columns, by column number, with at least as many rows as the file.
+        Arrays for the columns, by column number.
     words : collection of int
         Numbers of the columns with words.
     """
@@ -51,27 +72,30 @@ def load_plain(
         return None
     try:
         return _load(path, layout, places, words)
-    except ValueError:  # pyarrow's refusals are ValueErrors too
+    except ValueError:  # also raised by pyarrow, and by NumPy if an array is full
         return None
 
 
 def _load(
     path: Path, layout: TextLayout, places: Mapping[str, Array], words: Collection[int]
-) -> tuple[dict[int, NDArray[np.str_]], int]:
+) -> tuple[dict[int, NDArray[np.str_]], int, Scan]:
     parts: dict[int, list[NDArray[np.str_]]] = {k: [] for k in words}
     n = 0
-    for batch in _batches(path, layout, places, words):
-        rows = int(batch.num_rows)
-        for name, place in places.items():
-            # `to_numpy` would import pandas where it is installed.
-            place[n : n + rows] = np.from_dlpack(batch.column(name))
-            if words and not np.isfinite(place[n : n + rows]).all():
-                raise _NotPlainError
-        for k, part in parts.items():
-            cells = [cell.strip() for cell in batch.column(str(k)).to_pylist()]
-            part.append(label_array(cells, layout.names[k], path.name))
-        n += rows
-    return {k: np.concatenate(part) for k, part in parts.items()}, n
+    with path.open("rb") as file:
+        source = _ScannedBytes(file, layout, bool(words))
+        for batch in _batches(source, layout, places, words):
+            rows = int(batch.num_rows)
+            for name, place in places.items():
+                # `to_numpy` would import pandas where it is installed.
+                place[n : n + rows] = np.from_dlpack(batch.column(name))
+                if words and not np.isfinite(place[n : n + rows]).all():
+                    raise _NotPlainError
+            for k, part in parts.items():
+                cells = [cell.strip() for cell in batch.column(str(k)).to_pylist()]
+                part.append(label_array(cells, layout.names[k], path.name))
+            n += rows
+    labels = {k: np.concatenate(part) for k, part in parts.items()}
+    return labels, n, Scan(source.digest.hexdigest(), source.last_line, n)
 
 
 def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[str]) -> Iterator[Array]:
@@ -84,9 +108,10 @@ def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[str]) -> Iter
     """
     names = [str(layout.names.index(name)) for name in columns]
     try:
-        for batch in _batches(path, layout, names, ()):
-            found = [np.asarray(np.from_dlpack(batch.column(name)), np.float64) for name in names]
-            yield np.stack(found, axis=1)
+        with path.open("rb") as file:
+            for batch in _batches(_PlainBytes(file, layout), layout, names, ()):
+                found = [np.from_dlpack(batch.column(name)) for name in names]
+                yield np.stack([np.asarray(one, np.float64) for one in found], axis=1)
     except ValueError as error:
         reason = "" if isinstance(error, _NotPlainError) else f" ({shorten(str(error), 120)})"
         raise InputError(
@@ -98,59 +123,46 @@ def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[str]) -> Iter
 
 
 def _batches(
-    path: Path, layout: TextLayout, numbers: Iterable[str], words: Collection[int]
+    source: RawIOBase, layout: TextLayout, numbers: Iterable[str], words: Collection[int]
 ) -> Iterator[Any]:
     """Yield pyarrow's record batches with the wanted columns, named by their numbers."""
     pyarrow: Any = import_module("pyarrow")
     csv: Any = import_module("pyarrow.csv")
     types = {name: pyarrow.float64() for name in numbers}
     types |= {str(k): pyarrow.string() for k in words}
-    with path.open("rb", buffering=0) as file:
-        _skip_lines(file, layout.first_line - 1)
-        yield from csv.open_csv(
-            _PlainBytes(file, layout, bool(words)),
-            read_options=csv.ReadOptions(
-                use_threads=False,
-                block_size=_BLOCK,
-                column_names=[str(k) for k in range(len(layout.names))],
-            ),
-            parse_options=csv.ParseOptions(delimiter=layout.delimiter, quote_char=False),
-            convert_options=csv.ConvertOptions(
-                include_columns=list(types), column_types=types, null_values=[]
-            ),
-        )
-
-
-def _skip_lines(file: RawIOBase, lines: int) -> None:
-    """Move to the start of a line by skipping the given number of lines."""
-    start, skipped = 0, 0
-    while skipped < lines:
-        block = file.read(_BLOCK) or b""
-        if not block or b"\r" in block.replace(b"\r\n", b"").rstrip(b"\r"):
-            raise _NotPlainError  # a lone carriage return may end a line
-        ends = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n"))
-        left = lines - skipped
-        if left <= ends.size:
-            file.seek(start + int(ends[left - 1]) + 1)
-            return
-        start, skipped = start + len(block), skipped + ends.size
+    yield from csv.open_csv(
+        source,
+        read_options=csv.ReadOptions(
+            use_threads=False,
+            block_size=_BLOCK,
+            column_names=[str(k) for k in range(len(layout.names))],
+        ),
+        parse_options=csv.ParseOptions(delimiter=layout.delimiter, quote_char=False),
+        convert_options=csv.ConvertOptions(
+            include_columns=list(types), column_types=types, null_values=[]
+        ),
+    )
 
 
 class _PlainBytes(RawIOBase):
-    """The remaining part of a file; raises `_NotPlainError` for content that is not plain.
+    """The part of a file below its header; raises `_NotPlainError` for content that is not plain.
 
     Parameters
     ----------
-    file : RawIOBase
+    file : BufferedReader
     layout : TextLayout
     words : bool
         Whether columns of words are wanted.
     """
 
-    def __init__(self, file: RawIOBase, layout: TextLayout, words: bool):
-        self._file, self._words = file, words
-        self._number_bytes = _NUMBER_BYTES + (layout.delimiter or "").encode()
-        self._suspect = (b'"', b"(", b"\0", layout.comment.encode())
+    def __init__(self, file: BufferedReader, layout: TextLayout, words: bool = False):
+        self._file, self._lines = file, layout.first_line - 1
+        self._header = b"".join(islice(file, self._lines))
+        if b"\r" in self._header.replace(b"\r\n", b""):
+            raise _NotPlainError  # a lone carriage return may end a line
+        suspect = b'"(\0\r\n' + layout.comment.encode()
+        numbers = _NUMBER_BYTES + (layout.delimiter or "").encode()
+        self._plain = bytes(range(256)).translate(None, suspect) if words else numbers
 
     def readable(self) -> bool:
         """Return True."""
@@ -164,11 +176,38 @@ class _PlainBytes(RawIOBase):
         _NotPlainError
             The bytes are not plain.
         """
-        block = self._file.read(size) or b""
-        if self._words:
-            odd = any(some in block for some in self._suspect)
-        else:
-            odd = bool(block.translate(None, self._number_bytes))
-        if odd:
+        block = self._file.read(size)
+        ends = block.translate(None, self._plain)
+        if ends.strip(b"\r\n"):
             raise _NotPlainError
+        self._lines += ends.count(b"\n")
+        return block
+
+
+class _ScannedBytes(_PlainBytes):
+    """Finds in the same pass what `text_scan.scan` finds, and raises ValueError if that refuses.
+
+    Attributes
+    ----------
+    digest : hash
+        SHA-256 of the file up to the last byte that was read.
+    last_line : int
+        Number of the last line that is not blank (1-based).
+    """
+
+    def __init__(self, file: BufferedReader, layout: TextLayout, words: bool):
+        super().__init__(file, layout, words)
+        if b"\0" in self._header or len(self._header) > LONGEST_LINE:
+            raise _NotPlainError
+        self.digest, self.last_line = hashlib.sha256(self._header), 0
+        self._decoder = codecs.getincrementaldecoder("utf-8")() if words else None
+
+    def read(self, size: int = -1, /) -> bytes:
+        """Read the next bytes; see `_PlainBytes.read`."""
+        block = super().read(size)
+        self.digest.update(block)
+        if self._decoder is not None:
+            self._decoder.decode(block, final=not block)
+        if text := block.rstrip():
+            self.last_line = self._lines - block.count(b"\n", len(text)) + 1
         return block

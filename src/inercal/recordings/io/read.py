@@ -1,7 +1,8 @@
 """Read tables and recordings from files in any registered format."""
 
 import os
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,16 +12,18 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.parallel import available_cores
 from inercal.basics.units import format_count
 from inercal.recordings import Recording
 from inercal.recordings.io.audit import audit, audit_rows, require_accepted
-from inercal.recordings.io.column_table import ReadRequest, Table, open_error, shorten
+from inercal.recordings.io.column_table import ReadRequest, Table, open_error
 from inercal.recordings.io.isolation import MOST_VALUES_KEY, read_isolated
 from inercal.recordings.io.readers import (
     HEAD_BYTES,
     MOST_VALUES_OPTION,
     Reader,
     refuse_unknown_options,
+    refuse_wrong_content,
     select_reader,
 )
 from inercal.recordings.io.simulation_mark import stored_mark
@@ -34,25 +37,9 @@ from inercal.recordings.io.table_recording import (
 from inercal.recordings.io.time_stamps import nearest_samples
 from inercal.recordings.io.wrapped_numbers import sign_in_place
 
+_LONG = 1 << 23  # bytes; for shorter files, starting a reading process takes longer than it saves
+_MOST_AT_ONCE = 4  # files, because of the memory that reading them takes
 _ROUNDING = 1e-6  # of half a step, for stamps with few digits
-_UNPACK = "unpack it first"
-_BEGINNINGS = {
-    b"version https://git-lfs.github.com/spec/": (
-        "is a pointer of Git LFS and not the data: run git lfs pull"
-    ),
-    b"\x1f\x8b": f"is compressed with gzip: {_UNPACK}",
-    b"BZh": f"is compressed with bzip2: {_UNPACK}",
-    b"\xfd7zXZ\0": f"is compressed with xz: {_UNPACK}",
-    b"\x28\xb5\x2f\xfd": f"is compressed with Zstandard: {_UNPACK}",
-    b"7z\xbc\xaf\x27\x1c": f"is a 7z archive: {_UNPACK}",
-    b"Rar!": f"is a RAR archive: {_UNPACK}",
-    b"{\n": "is JSON and not a recording: give the log, or the run file, which ends in .toml",
-    b"%PDF-": "is a PDF document: export the data as CSV",
-    b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": "is an old Excel workbook (.xls): save it as .xlsx or CSV",
-}
-_ZIP, _NAME_SIZE, _NAME = b"PK\x03\x04", slice(26, 28), 30  # places in the first file's header
-_READ_AS_ZIP = (".npy", ".xml", ".rels", "mimetype")  # in archives and sheets of readers
-_HTML = (b"<!doctype html", b"<html", b"<head", b"<body", b"<?xml", b"<!--", b"<script", b"<title")
 
 
 def read_table(
@@ -108,7 +95,7 @@ def detect_reader(path: Path) -> Reader:
             head = file.read(HEAD_BYTES)
     except OSError as error:
         raise open_error(path, error) from error
-    _refuse_wrong_content(path, head)
+    refuse_wrong_content(path, head)
     return select_reader(path, head)
 
 
@@ -137,6 +124,35 @@ def _read(path: Path, wanted: ReadRequest, options: Mapping[str, object]) -> Tab
     if _state(path) != before:
         raise _changed_error(path)
     return table
+
+
+def _read_all(
+    files: Sequence[tuple[Path, ReadRequest]], options: Mapping[str, object]
+) -> Generator[Table]:
+    """Yield the tables of several files in order; reading processes read long files ahead."""
+
+    def read(one: tuple[Path, ReadRequest]) -> Table:
+        return _read(*one, options)
+
+    long = sum(_is_read_apart(path) for path, _ in files) if len(files) > 1 else 0
+    if (workers := min(long, available_cores(), _MOST_AT_ONCE)) < 2:
+        yield from map(read, files)
+        return
+    from concurrent.futures import ThreadPoolExecutor
+
+    pool = ThreadPoolExecutor(workers)
+    try:
+        yield from pool.map(read, files)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _is_read_apart(path: Path) -> bool:
+    """Return whether a file is long, and a separate process reads it."""
+    with suppress(InputError, OSError):
+        isolation = detect_reader(path).isolation if path.stat().st_size >= _LONG else None
+        return isolation is not None and not isolation.is_bounded(path)
+    return False
 
 
 def _read_marked(path: Path, read: Callable[..., Table], wanted: ReadRequest) -> Table:
@@ -222,6 +238,23 @@ def read_readback(path: str | os.PathLike[str], columns: Columns) -> Recording:
     return require_accepted(audit_rows(recording, columns.nonfinite, in_place=True))
 
 
+def read_each(files: Collection[Path], columns: Columns) -> Generator[Recording]:
+    """Yield unaudited recordings with the same columns, whose times count from the first file.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read; the recordings of the files before it have been yielded.
+    """
+    request = read_request(columns)
+    with closing(_read_all([(path, request) for path in files], columns.options)) as tables:
+        for path in files:
+            _refuse_unknown_options(columns.options, path)
+            recording = recording_from_table(next(tables), columns)
+            columns = replace(columns, origin=recording.origin)
+            yield recording
+
+
 def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> Recording:
     """Read a recording from its files without auditing it; keep the mark of a simulation.
 
@@ -236,12 +269,16 @@ def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> 
     _refuse_unknown_options(columns.options, *files)
     if second is not None and columns.second_time is not None:
         return _join_by_time(path, second, columns)
-    table = _read(path, read_request(columns), columns.options)
-    recording = recording_from_table(table, columns)
-    if second is None:
-        return recording
-    columns = replace(columns, origin=recording.origin)
-    other = _read_second_file(second, columns, recording)
+    together = tuple(column for _, column, _ in columns.second)
+    names = together if columns.time is None else (columns.time, *together)
+    further = ReadRequest(names, (), together, whole=columns.stamps)
+    requests = zip(files, (read_request(columns), further), strict=False)
+    with closing(_read_all([*requests], columns.options)) as tables:
+        recording = recording_from_table(next(tables), columns)
+        if second is None:
+            return recording
+        other = next(tables)
+    _add_second_file(other, second, replace(columns, origin=recording.origin), recording)
     kept = filter(None, (recording.kept_corrections, other.kept_corrections))
     return replace(
         recording,
@@ -263,9 +300,11 @@ def _join_by_time(path: Path, second: Path, columns: Columns) -> Recording:
     """
     parts = {"channels": columns.second, "time": columns.second_time, "label": None}
     one = replace(columns, second=(), second_time=None)
-    first = recording_from_table(_read(path, read_request(one), one.options), one)
-    other = replace(one, **parts, temperature=None, readback=(), origin=first.origin)
-    further = recording_from_table(_read(second, read_request(other), other.options), other)
+    other = replace(one, **parts, temperature=None, readback=())
+    requests = [(path, read_request(one)), (second, read_request(other))]
+    with closing(_read_all(requests, columns.options)) as tables:
+        first = recording_from_table(next(tables), one)
+        further = recording_from_table(next(tables), replace(other, origin=first.origin))
     for recording in (first, further):
         _require_increasing_time(recording)
     fewer = first if first.time.size <= further.time.size else further
@@ -310,12 +349,9 @@ def _require_increasing_time(recording: Recording) -> None:
         )
 
 
-def _read_second_file(path: Path, columns: Columns, first: Recording) -> Table:
-    """Read the columns of the second file into `first`, and return the file's table."""
+def _add_second_file(table: Table, path: Path, columns: Columns, first: Recording) -> None:
+    """Put the columns of the second file into `first`."""
     together = tuple(column for _, column, _ in columns.second)
-    names = together if columns.time is None else (columns.time, *together)
-    wanted = ReadRequest(names, (), together, whole=columns.stamps)
-    table = _read(path, wanted, columns.options)
     block = number_block(table, together)
     name, time, place = first.source, first.time, first.data[:, -len(together) :]
     if len(block) != len(place):
@@ -329,7 +365,6 @@ def _read_second_file(path: Path, columns: Columns, first: Recording) -> Table:
     place[:] = block
     if columns.signed_bits is not None:
         sign_in_place(place, columns.signed_bits, table.source)
-    return table
 
 
 def _refuse_unequal_times(table: Table, time: Array, name: str, expected: Array) -> None:
@@ -352,36 +387,3 @@ def _refuse_unequal_times(table: Table, time: Array, name: str, expected: Array)
         file=table.source,
         line=table.line(k),
     )
-
-
-def _refuse_wrong_content(path: Path, head: bytes) -> None:
-    """Refuse a file that is not what its name says, and name what it is.
-
-    Parameters
-    ----------
-    path : Path
-    head : bytes
-        The first bytes of the file.
-
-    Raises
-    ------
-    InputError
-        The file is empty, a pointer of Git LFS, compressed, JSON, a document, or a web page.
-    """
-    what = next((text for start, text in _BEGINNINGS.items() if head.startswith(start)), "")
-    if not head:
-        what = "is empty: record or export it again"
-    elif head.startswith(_ZIP) and (packed := _first_packed_name(head)):
-        what = f"is a ZIP archive with {shorten(packed)}: {_UNPACK}"
-    elif head.removeprefix(b"\xef\xbb\xbf").lstrip().lower().startswith(_HTML):
-        what = "is an HTML page and not the data: download the file itself, or save the data as CSV"
-    if what:
-        raise InputError(f"{path.name} {what}", file=path)
-
-
-def _first_packed_name(head: bytes) -> str:
-    """Return the first file in a ZIP archive; empty for archives that a reader understands."""
-    size = int.from_bytes(head[_NAME_SIZE], "little")
-    name = head[_NAME : _NAME + size].decode("ascii", "replace")
-    known = len(name) < size or name.endswith(_READ_AS_ZIP) or not name.isprintable()
-    return "" if known else name

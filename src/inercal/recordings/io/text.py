@@ -8,6 +8,7 @@ and the text that are wrong.
 import re
 import warnings
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ from inercal.recordings.io.column_table import (
     select_columns,
     shorten,
 )
-from inercal.recordings.io.plain_numbers import load_plain
+from inercal.recordings.io.plain_numbers import load_plain, probable_rows
 from inercal.recordings.io.readers import Option, Reader
 from inercal.recordings.io.text_layout import (
     TextLayout,
@@ -35,8 +36,9 @@ from inercal.recordings.io.text_layout import (
     refuse_sheet_error,
     sniff,
 )
-from inercal.recordings.io.text_scan import scan
+from inercal.recordings.io.text_scan import Scan, scan
 
+_SPARE_ROWS = 1.25  # because lines may be shorter below those from which the rows are estimated
 _LARGEST_EXACT = 2.0**53  # float64 represents all smaller whole numbers exactly
 _MOST_BREAKS = 10_000  # in the numbering of lines, due to blank lines and comments between rows
 
@@ -59,23 +61,35 @@ def read_text(path: Path, wanted: ReadRequest, skip: int = 0) -> Table:
     OSError
         The file cannot be read.
     """
+    if (rows := probable_rows(path)) and skip >= 0:
+        # Whatever is wrong is reported below, because an error of the scan comes first.
+        with suppress(InputError, ValueError):
+            return _read(path, wanted, skip, int(_SPARE_ROWS * rows) + 1)
     found = scan(path)
     if skip < 0:
         raise InputError(f"[data] skip is {skip}; it counts lines, 0 or more", key="[data] skip")
+    return _read(path, wanted, skip, found.line_bound, found)
+
+
+def _read(
+    path: Path, wanted: ReadRequest, skip: int, most_rows: int, found: Scan | None = None
+) -> Table:
+    """Read a table; without a scan, raise ValueError if the file is not plain or has more rows."""
     layout = sniff(path, skip)
     names = select_columns(layout.names, wanted.names, path.name)
     words = {k for k, name in enumerate(layout.names) if name in names} & (
         layout.text_columns | {k for k, name in enumerate(layout.names) if name in wanted.text}
     )
     numbers = {k for k, name in enumerate(layout.names) if name in names} - words
-    blank, block = wanted.empty_columns(
-        found.line_bound, [layout.names[k] for k in sorted(numbers)]
-    )
+    blank, block = wanted.empty_columns(most_rows, [layout.names[k] for k in sorted(numbers)])
     places = {str(k): blank[layout.names[k]] for k in numbers}
+    plain = load_plain(path, layout, places, words)
+    if plain is not None and plain[1] <= most_rows:
+        found = plain[2]
+    if found is None:
+        raise ValueError
     try:
-        labels, n = load_plain(path, layout, places, words) or _load(
-            path, layout, places, words, fill=set()
-        )
+        labels, n = plain[:2] if plain else _load(path, layout, places, words, fill=set())
     except _RowError as error:
         # The row number from the parser is only a hint about where to look first.
         for skip in (error.row - 2, 0):
