@@ -34,6 +34,7 @@ from sqlalchemy import (
 from sqlalchemy.exc import ArgumentError, DBAPIError, SQLAlchemyError
 
 from inercal.basics.errors import InputError
+from inercal.laboratory.store.register_tables import metadata
 
 ENVIRONMENT_VARIABLE = "INERCAL_REGISTER"
 DEFAULT = "default"
@@ -354,7 +355,11 @@ def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool =
                 key="--register",
             )
         config.attributes["connection"] = connection
-        command.upgrade(config, "head")
+        if revision is None:
+            metadata.create_all(connection)
+            command.stamp(config, "head")
+        else:
+            command.upgrade(config, "head")
 
 
 def _config() -> Config:

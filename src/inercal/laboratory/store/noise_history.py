@@ -18,39 +18,10 @@ import sqlalchemy as sa
 from inercal.basics.documents import to_utc
 from inercal.basics.errors import InputError
 from inercal.laboratory.store.insertions import EntryAuthor, enter_axes, insert_row
-from inercal.laboratory.store.register_tables import entry_columns, metadata, sensor
+from inercal.laboratory.store.register_tables import noise_analysis, noise_coefficient, sensor
 from inercal.noise import NoiseAnalysis, NoiseCoefficient
 from inercal.noise.texts import analysis_object
 from inercal.physics.quantities import QUANTITIES
-
-noise_analysis = sa.Table(
-    "noise_analysis",
-    metadata,
-    sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False, index=True),
-    sa.Column("measured", sa.String, nullable=False),
-    sa.Column("measured_from", sa.String, nullable=False),  # "stated" or "entered"
-    sa.Column("source", sa.String, nullable=False),  # name of the recording file
-    sa.Column("recording_sha256", sa.String, nullable=False),
-    sa.Column("duration", sa.Double, nullable=False),  # s
-    sa.Column("content", sa.Text, nullable=False),  # the whole analysis as JSON
-    sa.Column("sha256", sa.String, nullable=False),  # SHA-256 of the content
-    *entry_columns(),
-)
-noise_coefficient = sa.Table(
-    "noise_coefficient",
-    metadata,
-    sa.Column("analysis_id", sa.Integer, sa.ForeignKey("noise_analysis.id"), primary_key=True),
-    sa.Column("channel", sa.String, primary_key=True),
-    sa.Column("symbol", sa.String, primary_key=True),
-    sa.Column("place", sa.Integer, nullable=False),  # index in the analysis, from 0
-    sa.Column("value", sa.Double, nullable=False),  # SI; 0 if only an upper limit is known
-    sa.Column("u", sa.Double),  # SI; null if only an upper limit is known
-    sa.Column("low", sa.Double, nullable=False),
-    sa.Column("high", sa.Double, nullable=False),
-    sa.Column("unit", sa.String, nullable=False),  # unit for printing
-)
-
 
 _MEASURES = {one.sensor: one.symbol for one in QUANTITIES.values()}
 
