@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.keys import CoefficientName
 from inercal.calibration import Calibration
 from inercal.calibration.comparison import (
@@ -168,10 +168,8 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
     last = sessions[-1].calibration
     matched: list[Calibration] = []
     for one in sessions:
-        try:
+        with error_location(f"{one.label} compared with {sessions[-1].label}"):
             matched.append(match_frame_and_form(one.calibration, last))
-        except InputError as error:
-            raise error.located(f"{one.label} compared with {sessions[-1].label}") from None
     fixed = frozenset[str]().union(*map(fixed_coefficients, matched))
     names = tuple(
         name
