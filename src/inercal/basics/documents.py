@@ -77,6 +77,11 @@ def record_object(value: Any) -> Any:
     return value.isoformat() if isinstance(value, dt.date) else value
 
 
+def attributes(record: object, names: str) -> dict[str, Any]:
+    """Return attributes of a record as fields of a JSON object; `names` has blanks between them."""
+    return {name: getattr(record, name) for name in names.split()}
+
+
 def to_utc(text: str) -> str:
     """Convert a time in ISO 8601 to the form in the register: in UTC, to the millisecond.
 

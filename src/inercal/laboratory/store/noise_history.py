@@ -18,6 +18,7 @@ import sqlalchemy as sa
 from inercal.basics.documents import to_utc
 from inercal.basics.errors import InputError
 from inercal.laboratory.store.insertions import EntryAuthor, enter_axes, insert_row
+from inercal.laboratory.store.queries import find_sensor
 from inercal.laboratory.store.register_tables import noise_analysis, noise_coefficient, sensor
 from inercal.noise import NoiseAnalysis, NoiseCoefficient
 from inercal.noise.texts import analysis_object
@@ -162,14 +163,16 @@ def _coefficient_fields(one: NoiseCoefficient) -> dict[str, Any]:
     return {name: getattr(one, name) for name in ("symbol", "value", "u", "low", "high", "unit")}
 
 
-def read_noise(db: sa.Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
-    """Return the noise analyses of a sensor in the order of measurement.
+def read_noise(db: sa.Connection, key: int | str) -> tuple[NoiseEntry, ...]:
+    """Return the noise analyses of the sensor with this id or name, in the order of measurement.
 
     Raises
     ------
     InputError
-        If the text in the register differs from the text that was entered.
+        If there is no such sensor, or the text in the register differs from the text that was
+        entered.
     """
+    sensor_id = find_sensor(db, key).id
     query = (
         sa.select(noise_analysis, sensor.c.name.label("sensor"))
         .join(sensor, sensor.c.id == noise_analysis.c.sensor_id)

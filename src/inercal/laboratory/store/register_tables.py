@@ -7,6 +7,7 @@ Times are stored as text in ISO 8601, UTC, to the millisecond, so they sort chro
 """
 
 import sqlalchemy as sa
+from sqlalchemy import event
 
 metadata = sa.MetaData(
     naming_convention={
@@ -164,4 +165,4 @@ _TRIGGERS = {
 for _dialect, _statements in _TRIGGERS.items():
     for _statement in _statements:
         trigger = sa.DDL(_statement).execute_if(dialect=_dialect)
-        sa.event.listen(certificate, "after_create", trigger)
+        event.listen(certificate, "after_create", trigger)
