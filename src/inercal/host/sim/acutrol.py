@@ -165,7 +165,8 @@ def _expand_word(word: str) -> str:
 
 def main() -> None:
     """Serve a simulated ACUTROL3000 until standard input ends; see `server.serve`."""
-    serve(SimulatedAcutrol(), simulator_parser("acutrol", __doc__).parse_args())
+    parser = simulator_parser("python -m inercal.host.sim.acutrol", __doc__)
+    serve(SimulatedAcutrol(), parser.parse_args())
 
 
 if __name__ == "__main__":

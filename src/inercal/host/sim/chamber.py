@@ -254,7 +254,8 @@ class SimulatedScpiChamber(SimulatedChamber):
 
 def main() -> None:
     """Serve a simulated chamber until standard input ends; see `server.serve`."""
-    serve(SimulatedScpiChamber(), simulator_parser("chamber", __doc__).parse_args())
+    parser = simulator_parser("python -m inercal.host.sim.chamber", __doc__)
+    serve(SimulatedScpiChamber(), parser.parse_args())
 
 
 if __name__ == "__main__":

@@ -67,7 +67,8 @@ class SimulatedMotor(Controller):
 
 def main() -> None:
     """Serve a simulated motor until standard input ends; see `server.serve`."""
-    serve(SimulatedMotor(), simulator_parser("motor", __doc__, terminal=True).parse_args())
+    parser = simulator_parser("python -m inercal.host.sim.motor", __doc__, None)
+    serve(SimulatedMotor(), parser.parse_args())
 
 
 if __name__ == "__main__":

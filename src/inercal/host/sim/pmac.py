@@ -381,7 +381,7 @@ class _Session:
 
 def main() -> None:
     """Serve a simulated PMAC until standard input ends; see `server.serve`."""
-    parser = simulator_parser("pmac", __doc__)
+    parser = simulator_parser("python -m inercal.host.sim.pmac", __doc__)
     parser.add_argument("--counts", type=int, default=3_600_000, help="encoder counts per turn")
     options = parser.parse_args()
     serve(SimulatedPmac(counts_per_turn=options.counts), options)

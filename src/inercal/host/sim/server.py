@@ -291,24 +291,22 @@ def _open_terminal() -> tuple[_Connection, str]:
     return _Connection(device, lambda: os.read(device, _READ_SIZE), send, close), os.ttyname(host)
 
 
-def simulator_parser(
-    name: str, description: str | None, *, terminal: bool = False
-) -> ArgumentParser:
+def simulator_parser(program: str, description: str | None, port: int | None = 0) -> ArgumentParser:
     """Return the parser of a simulator's options: `--port`, and `--pace` of its clock.
 
     Parameters
     ----------
-    name : str
-        Name of the simulator's module.
+    program : str
+        Text that starts the program, for its help.
     description : str or None
-    terminal : bool
-        Whether the simulator has a pseudo-terminal if no port is given.
+    port : int or None
+        Default of `--port`; None means a pseudo-terminal.
     """
-    parser = ArgumentParser(prog=f"python -m inercal.host.sim.{name}", description=description)
+    parser = ArgumentParser(prog=program, description=description)
     help_text = "port; 0 selects any free one"
-    if terminal:
+    if port is None:
         help_text = "TCP port, 0: any free one; else a pseudo-terminal"
-    parser.add_argument("--port", type=int, default=None if terminal else 0, help=help_text)
+    parser.add_argument("--port", type=int, default=port, help=help_text)
     parser.add_argument(
         "--pace",
         default="1",

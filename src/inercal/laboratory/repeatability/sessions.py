@@ -26,12 +26,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, error_location
 from inercal.basics.keys import CoefficientName
-from inercal.calibration import Calibration
-from inercal.calibration.comparison import (
-    fixed_coefficients,
-    match_frame_and_form,
-    recording_sha256,
-)
+from inercal.calibration import Calibration, comparison
 from inercal.estimation.uncertainty.repeated_measurements import RandomEffect
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
@@ -169,8 +164,8 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
     matched: list[Calibration] = []
     for one in sessions:
         with error_location(f"{one.label} compared with {sessions[-1].label}"):
-            matched.append(match_frame_and_form(one.calibration, last))
-    fixed = frozenset[str]().union(*map(fixed_coefficients, matched))
+            matched.append(comparison.match_frame_and_form(one.calibration, last))
+    fixed = frozenset[str]().union(*map(comparison.fixed_coefficients, matched))
     names = tuple(
         name
         for name in last.sensor.coefficients
@@ -207,7 +202,7 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
 def _refuse_one_recording(sessions: Sequence[RepeatedSession]) -> None:
     by_recording: dict[str, str] = {}
     for one in sessions:
-        recording = recording_sha256(one.calibration)
+        recording = comparison.recording_sha256(one.calibration)
         if recording and recording in by_recording:
             raise InputError(
                 f"{by_recording[recording]} and {one.label} come from the same recording; give "
