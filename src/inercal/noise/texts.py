@@ -106,14 +106,8 @@ def coefficient_cells(one: NoiseCoefficient) -> tuple[str, ...]:
     name = f"{one.symbol}  {one.name}"
     size = one.size
     if one.is_limit:
-        return (
-            name,
-            f"< {format_number(one.high / size, 3)}",
-            "",
-            f"0 … {format_number(one.high / size, 3)}",
-            one.unit,
-            "no",
-        )
+        limit = format_number(one.high / size, 3)
+        return name, f"< {limit}", "", f"0 … {limit}", one.unit, "no"
     if one.symbol == "T" and isinf(one.u):
         sign = ">" if isinf(one.high) else "<"
         return name, f"{sign} {format_number(one.value / size, 3)}", "", "", one.unit, ""

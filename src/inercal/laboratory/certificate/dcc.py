@@ -291,10 +291,7 @@ def _conformity(certificate: Certificate) -> Any:
 
 def _limit_entry(texts: Texts, one: LimitResult, unit: str) -> Any:
     limits = [
-        dcc(
-            "quantity",
-            si("real", si("label", name), si("value", repr(value)), si("unit", unit)),
-        )
+        dcc("quantity", si("real", si("label", name), si("value", repr(value)), si("unit", unit)))
         for name, value in (("lower", one.lower), ("upper", one.upper))
         if isfinite(value)
     ]
