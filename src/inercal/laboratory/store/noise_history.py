@@ -15,7 +15,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from inercal.basics.documents import to_utc
+from inercal.basics.documents import stated_time
 from inercal.basics.errors import InputError
 from inercal.laboratory.store.insertions import EntryAuthor, enter_axes, insert_row
 from inercal.laboratory.store.queries import find_sensor
@@ -119,13 +119,7 @@ def enter_noise(
         )
     time, origin = who.at, "entered"
     if measured is not None:
-        try:
-            time, origin = to_utc(measured), "stated"
-        except ValueError:
-            raise InputError(
-                f"{measured!r} is not a time; write it in ISO 8601, such as 2026-03-01",
-                key="--measured",
-            ) from None
+        time, origin = stated_time(measured), "stated"
     found = db.scalar(sa.select(sensor.c.id).where(sensor.c.name == name))
     axes = {one.channel: _MEASURES[one.quantity] for one in analysis.channels}
     # The axes of a known sensor are not changed, because channels of a log may have other names.

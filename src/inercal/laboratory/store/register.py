@@ -9,8 +9,7 @@ from typing import Concatenate, ParamSpec, TypeVar
 from sqlalchemy import Connection, select
 
 from inercal.basics.closeable import Closeable
-from inercal.basics.documents import to_utc
-from inercal.basics.errors import InputError
+from inercal.basics.documents import stated_time
 from inercal.basics.system_user import user_name
 from inercal.calibration import Calibration
 from inercal.laboratory.store import certificates, connection, insertions, queries
@@ -239,14 +238,7 @@ class Register(Closeable):
             another date that was stated earlier or comes from its run.
         """
         if measured is not None:
-            try:
-                to_utc(measured)
-            except ValueError:
-                raise InputError(
-                    f"{measured!r} is not a time; write it in ISO 8601, such as 2026-03-01 or "
-                    "2026-03-01T14:30:00+01:00",
-                    key="--measured",
-                ) from None
+            stated_time(measured, example=" or 2026-03-01T14:30:00+01:00")
         result = [make_document(source) for source in sources]
         kinds = [_bench_kind(one.calibration) for one in result]
         with self._transaction(connection.write_transaction) as db:
