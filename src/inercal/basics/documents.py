@@ -77,11 +77,6 @@ def record_object(value: Any) -> Any:
     return value.isoformat() if isinstance(value, dt.date) else value
 
 
-def attributes(record: object, names: str) -> dict[str, Any]:
-    """Return attributes of a record as fields of a JSON object; `names` has blanks between them."""
-    return {name: getattr(record, name) for name in names.split()}
-
-
 def to_utc(text: str) -> str:
     """Convert a time in ISO 8601 to the form in the register: in UTC, to the millisecond.
 
@@ -133,6 +128,11 @@ def stated_time(text: str, start: str = "", example: str = "") -> str:
 def document_text(content: Mapping[str, Any]) -> str:
     """Return a document as the text of its file."""
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def attributes(record: object, names: str) -> dict[str, Any]:
+    """Return attributes of a record as fields of a JSON object; `names` has blanks between them."""
+    return {name: getattr(record, name) for name in names.split()}
 
 
 @cache
