@@ -3,11 +3,9 @@
 Run it as `python -m oven_simulator --port 4001 --pace 100`.
 """
 
-from argparse import ArgumentParser
-
 from inercal.host.sim.chamber import SimulatedChamber
 from inercal.host.sim.dynamics import LineSession
-from inercal.host.sim.server import add_pace_option, selected_pace, serve
+from inercal.host.sim.server import serve, simulator_parser
 
 
 class SimulatedOven(SimulatedChamber):
@@ -47,8 +45,5 @@ class SimulatedOven(SimulatedChamber):
 
 
 if __name__ == "__main__":
-    parser = ArgumentParser()
-    parser.add_argument("--port", type=int, default=4001)
-    add_pace_option(parser)
-    options = parser.parse_args()
-    serve(SimulatedOven(), selected_pace(options), options.port)
+    parser = simulator_parser("python -m oven_simulator", __doc__, 4001)
+    serve(SimulatedOven(), parser.parse_args())

@@ -3,12 +3,11 @@
 Run it as `python -m spindle_simulator --port 4000`.
 """
 
-from argparse import ArgumentParser
 from math import degrees, radians
 
 from inercal.host.sim.dynamics import AxisDynamics, Controller, LineSession, SimulatedTable
 from inercal.host.sim.faults import parse_number
-from inercal.host.sim.server import add_pace_option, selected_pace, serve
+from inercal.host.sim.server import serve, simulator_parser
 
 _RATE, _ACCELERATION, _END = 120.0, 240.0, 720.0  # °/s, °/s², °
 
@@ -68,11 +67,8 @@ class SimulatedSpindle(Controller):
 
 def main() -> None:
     """Serve a simulated spindle until standard input ends."""
-    parser = ArgumentParser(prog="python -m spindle_simulator", description=__doc__)
-    parser.add_argument("--port", type=int, default=4000, help="TCP port; 0: any free one")
-    add_pace_option(parser)
-    options = parser.parse_args()
-    serve(SimulatedSpindle(), selected_pace(options), options.port)
+    parser = simulator_parser("python -m spindle_simulator", __doc__, 4000)
+    serve(SimulatedSpindle(), parser.parse_args())
 
 
 if __name__ == "__main__":

@@ -105,9 +105,39 @@ def to_utc(text: str) -> str:
     return time.isoformat(timespec="milliseconds")
 
 
+def stated_time(text: str, start: str = "", example: str = "") -> str:
+    """Return the time of measurement that a user states, as `to_utc` does.
+
+    Parameters
+    ----------
+    text : str
+    start : str
+        Start of the message, if the text is not a time.
+    example : str
+        End of the message, after the example of a date.
+
+    Raises
+    ------
+    InputError
+        The text is not a time in ISO 8601.
+    """
+    try:
+        return to_utc(text)
+    except ValueError:
+        raise InputError(
+            f"{start}{text!r} is not a time; write it in ISO 8601, such as 2026-03-01{example}",
+            key="--measured",
+        ) from None
+
+
 def document_text(content: Mapping[str, Any]) -> str:
     """Return a document as the text of its file."""
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def attributes(record: object, names: str) -> dict[str, Any]:
+    """Return attributes of a record as fields of a JSON object; `names` has blanks between them."""
+    return {name: getattr(record, name) for name in names.split()}
 
 
 @cache

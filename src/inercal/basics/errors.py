@@ -125,6 +125,21 @@ class NotInvertible(InercalError):
     """A reading that no motion, or more than one motion, would cause in the error model."""
 
 
+@contextmanager
+def error_location(
+    where: str | Path,
+    *,
+    file: str | Path | None = None,
+    line: int | None = None,
+    key: str | None = None,
+) -> Generator[None]:
+    """Add a location to an `InputError` that the block raises; see `InercalError.located`."""
+    try:
+        yield
+    except InputError as error:
+        raise error.located(where, file=file, line=line, key=key) from None
+
+
 def require_installed(extra: str, what: str, packages: tuple[str, ...]) -> None:
     """Raise the same error as `require_extra`, but without importing the packages.
 

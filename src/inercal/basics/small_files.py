@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 
 # Windows has no FIFOs, but it would translate line ends without this flag.
 _FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
@@ -191,10 +191,8 @@ def read_toml(path: Path, what: str = "file") -> dict[str, Any]:
         See `read_small_file` and `parse_toml`; the message includes the file name.
     """
     raw = read_small_file(path, what)
-    try:
+    with error_location(path):
         return parse_toml(raw, what)
-    except InputError as error:
-        raise error.located(path) from None
 
 
 def csv_lines(

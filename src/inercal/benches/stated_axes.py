@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import error_location
 from inercal.basics.units import format_count
 from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.section_settings import key_error
@@ -58,12 +58,10 @@ class StatedAxes(NamedTuple):
                 f"gives {format_count(len(given), 'direction')} for {columns}; give one direction "
                 "for each column",
             )
-        try:
+        with error_location(key, key=key):
             return axes_along(
                 given, self.measures, QUANTITIES[self.measures].letter, self.readout, self.noise
             )
-        except InputError as error:
-            raise error.located(key, key=key) from None
 
     def _directions_of_columns(self) -> tuple[str, ...]:
         """Return x, y, z for three columns, and otherwise what the names of the columns say."""

@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from inercal.basics.arrays import Array
 from inercal.basics.atomic_files import write_text
 from inercal.basics.documents import first_problem, origin
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.keys import CoefficientName
 from inercal.basics.small_files import read_toml
 from inercal.physics.sensors import TABLES
@@ -162,10 +162,8 @@ def load_type_prior(path: Path) -> TypePrior:
         ) from None
     p = len(found.coefficient)
     for one in found.coefficient:
-        try:
+        with error_location(path):
             found.term(one.name)
-        except InputError as error:
-            raise error.located(path) from None
         if len(one.correlation) != p or len(one.other_axis) != p:
             raise InputError(
                 f"{path}: {one.name}: correlation and other_axis must have {p} values each",

@@ -5,7 +5,7 @@ from typing import Any, cast
 
 from pydantic import Field
 
-from inercal.basics.documents import Count, Measured, Positive, Record, record_object
+from inercal.basics.documents import Count, Measured, Positive, Record, attributes, record_object
 from inercal.basics.errors import InputError
 from inercal.basics.run_file_advice import Advice, Change
 from inercal.calibration.additions import Addition
@@ -129,10 +129,7 @@ class VerdictRecord(Record):
 def verdict_object(verdict: Verdict) -> dict[str, Any]:
     """Return the verdict as a JSON object, with sizes in SI units."""
     content: dict[str, Any] = {
-        "grade": verdict.grade,
-        "word": verdict.word,
-        "reasons": verdict.reasons,
-        "lines": verdict.lines,
+        **attributes(verdict, "grade word reasons lines"),
         "explanation": [one._asdict() for one in verdict.explanation],
         "tests": [
             {
@@ -146,10 +143,7 @@ def verdict_object(verdict: Verdict) -> dict[str, Any]:
         ],
         "suspect": _cause_object(verdict.suspect),
         "best_cause": _cause_object(verdict.best),
-        "advice": verdict.advice,
-        "scatter": verdict.scatter,
-        "noise": verdict.noise,
-        "warned": verdict.warned,
+        **attributes(verdict, "advice scatter noise warned"),
     }
     if verdict.rounding:
         content["rounding"] = verdict.rounding

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import error_location
 from inercal.cli.console import print_json
 from inercal.cli.options import Json
 
@@ -27,10 +27,8 @@ def run(
     from inercal.cli.calibration_view import comparison_object, print_comparison
 
     pair = load(first), load(second)
-    try:
+    with error_location(f"{first} and {second}"):
         compared = compare(*pair)
-    except InputError as error:
-        raise error.located(f"{first} and {second}") from None
     ordinary = None
     if repeatability is not None:
         from inercal.calibration.comparison.run_to_run import against_scatter, scatter_of_file

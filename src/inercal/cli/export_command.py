@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_quantity, si_factor
 from inercal.cli.console import print_json, report_line
 from inercal.cli.options import Force, Json, assignments
@@ -169,10 +169,8 @@ def parse_range(text: str | None, unit: str, option: str) -> "Range | None":
             f"'-10 10 {unit}'",
             key=option,
         ) from None
-    try:
+    with error_location(f"{option} {text!r}", key=option):
         low, high = to_si(numbers, parts[2], unit).tolist()
-    except InputError as error:
-        raise error.located(f"{option} {text!r}", key=option) from None
     if not low < high:
         raise InputError(f"{option} {text!r}: give the lower limit first", key=option)
     return low, high

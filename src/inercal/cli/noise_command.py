@@ -238,15 +238,9 @@ def _sensor_name(
             "--register needs the sensor's name in the register: add --sensor NAME", key="--sensor"
         )
     if measured is not None:
-        from inercal.basics.documents import to_utc
+        from inercal.basics.documents import stated_time
 
-        try:
-            to_utc(measured)
-        except ValueError:
-            raise InputError(
-                f"--measured {measured!r} is not a time; write it in ISO 8601, such as 2026-03-01",
-                key="--measured",
-            ) from None
+        stated_time(measured, "--measured ")
     return str(sensor)
 
 

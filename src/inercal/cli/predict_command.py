@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.cli.console import (
     print_json,
     print_line,
@@ -71,10 +71,8 @@ def run(
     chosen = points_from_texts(at, calibration) if points is None else points_from_table(points)
     if sweep:
         name, chosen = swept_points(sweep, chosen)
-    try:
+    with error_location(f"{points or calibration_file}"):
         found = calibration.predict(**chosen, extrapolate=extrapolate)
-    except InputError as error:
-        raise error.located(f"{points or calibration_file}") from None
     if sweep and out is not None:
         from inercal.report import write_prediction
 

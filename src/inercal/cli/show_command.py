@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_count
 from inercal.cli.console import (
     make_table,
@@ -97,10 +97,8 @@ def _show_as_paper(file: Path, explain: bool, json: bool) -> None:
             key="--as-paper",
         )
     calibration = load(file)
-    try:
+    with error_location(f"{file}: --as-paper", file=file, key="--as-paper"):
         found = paper_form(calibration)
-    except InputError as error:
-        raise error.located(f"{file}: --as-paper", file=file, key="--as-paper") from None
     rows = list(zip(found.names, found.values.tolist(), found.std.tolist(), found.units,
                     strict=True))  # fmt: skip
     if json:
@@ -137,10 +135,8 @@ def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
             "no coefficient of the calibration depends on temperature; remove --at", key="--at"
         ).located(file)
     kelvin = np.array([si_value(text, "°C", "--at") for text in at])
-    try:
+    with error_location(f"{file}: --at", file=file, key="--at"):
         curves = temperature_curves(calibration, kelvin)
-    except InputError as error:
-        raise error.located(f"{file}: --at", file=file, key="--at") from None
     if json:
         rows = [
             {

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from inercal.basics.atomic_files import write_text
-from inercal.basics.errors import InercalError, InputError
+from inercal.basics.errors import InercalError, InputError, error_location
 from inercal.basics.units import format_count
 from inercal.cli.console import open_register, print_json, report_line
 from inercal.cli.options import Force, Json, RegisterOption, assignments
@@ -196,10 +196,8 @@ def diff(
     from inercal.cli.calibration_view import comparison_object, print_comparison
 
     both = [_load_calibration(one, register) for one in (first, second)]
-    try:
+    with error_location(f"{first} and {second}"):
         compared = compare(*both)
-    except InputError as error:
-        raise error.located(f"{first} and {second}") from None
     ordinary = _run_to_run(compared, (first, second), repeatability, register)
     names = first, second
     if json:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from inercal.basics.documents import attributes
 from inercal.basics.units import format_count
 from inercal.calibration.comparison.courses import CourseFit
 from inercal.calibration.comparison.run_to_run import format_en, grade_text
@@ -303,12 +304,7 @@ def _trend_object(history: SensorHistory, trend: CoefficientTrend) -> dict[str, 
 def recalibration_object(found: Recalibration) -> dict[str, Any]:
     """Return the next calibration for JSON; intervals are in years of 365.25 days."""
     return {
-        "date": found.date,
-        "years": found.years,
-        "decided_by": found.decided_by,
-        "longest": found.longest,
-        "hours_in_use": found.hours_in_use,
-        "operating_hours": found.operating_hours,
+        **attributes(found, "date years decided_by longest hours_in_use operating_hours"),
         "pool": None
         if found.pool is None
         else {
@@ -323,11 +319,7 @@ def recalibration_object(found: Recalibration) -> dict[str, Any]:
                 "upper": one.limit.upper,
                 "U": one.limit.expanded,
                 "predicted_U": one.expanded,
-                "prediction": one.prediction,
-                "chart": one.chart,
-                "staircase": one.staircase,
-                "hours": one.hours,
-                "sensors": one.sensors,
+                **attributes(one, "prediction chart staircase hours sensors"),
             }
             for one in found.rows
         ],

@@ -97,12 +97,7 @@ def require_chamber(run: Run, layout: PacketLayout, chamber: str) -> None:
 
 
 def open_soaks(
-    address: str,
-    run: Run,
-    layout: PacketLayout,
-    say: Say,
-    record: Record,
-    simulated: bool,
+    address: str, run: Run, layout: PacketLayout, say: Say, record: Record, simulated: bool
 ) -> "SoakControl | None":
     """Connect to the chamber at an address; None if there is none.
 

@@ -120,12 +120,7 @@ def _pairs(lag: Array, first: int, second: int) -> Array:
 
 
 def gmwm(
-    oadev: Deviations,
-    symbols: Sequence[str],
-    dt: float,
-    markov_time: float,
-    start: Array,
-    n: int,
+    oadev: Deviations, symbols: Sequence[str], dt: float, markov_time: float, start: Array, n: int
 ) -> Estimates:
     """Estimate coefficients and u by iterated least squares with the model's exact covariance.
 

@@ -235,11 +235,7 @@ def fit_again(bins: Bins, fit: NoiseFit) -> NoiseFit:
     theta, value = _fit_columns(bins, basis, start)
     p = len(fit.symbols)
     return replace(
-        fit,
-        variances=theta[:p],
-        loss=value,
-        model=_model(bins, basis, theta),
-        nuisance=theta[p:],
+        fit, variances=theta[:p], loss=value, model=_model(bins, basis, theta), nuisance=theta[p:]
     )
 
 

@@ -3,7 +3,7 @@
 from math import inf, isinf, sqrt
 from typing import Any
 
-from inercal.basics.documents import record_object
+from inercal.basics.documents import attributes, record_object
 from inercal.basics.units import (
     format_duration,
     format_interval,
@@ -22,10 +22,7 @@ from inercal.physics.quantities import QUANTITIES, SensorKind
 def analysis_object(analysis: NoiseAnalysis) -> dict[str, Any]:
     """Convert the analysis to plain values in SI; values that are not finite become None."""
     found = {
-        "source": analysis.source,
-        "sha256": analysis.sha256,
-        "duration": analysis.duration,
-        "remarks": analysis.remarks,
+        **attributes(analysis, "source sha256 duration remarks"),
         "channels": [_channel_object(one) for one in analysis.channels],
     }
     if analysis.movement:
@@ -60,12 +57,7 @@ def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
         "model": channel.fit.symbols,
         "coefficients": [
             {
-                "symbol": one.symbol,
-                "name": one.name,
-                "value": one.value,
-                "u": one.u,
-                "low": one.low,
-                "high": one.high,
+                **attributes(one, "symbol name value u low high"),
                 "significant": one.is_significant,
                 "likelihood_ratio": one.ratio,
                 "limit": one.limit,
@@ -85,15 +77,8 @@ def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
             {"terms": one.symbols, "aic": one.aic - channel.fit.aic}
             for one in (channel.fit, *channel.selection.rivals)
         ],
-        "goodness": {
-            "fits": channel.goodness.fits,
-            "verdict": channel.goodness.verdict,
-            "decades": channel.goodness.decades,
-        },
-        "lines": channel.lines,
-        "disturbances": channel.disturbances,
-        "drift": channel.drift,
-        "remarks": channel.remarks,
+        "goodness": attributes(channel.goodness, "fits verdict decades"),
+        **attributes(channel, "lines disturbances drift remarks"),
         "smallest_allan_deviation": {
             "value": float(channel.oadev.value[channel.oadev.lowest]),
             "tau": float(channel.oadev.tau[channel.oadev.lowest]),
@@ -121,14 +106,8 @@ def coefficient_cells(one: NoiseCoefficient) -> tuple[str, ...]:
     name = f"{one.symbol}  {one.name}"
     size = one.size
     if one.is_limit:
-        return (
-            name,
-            f"< {format_number(one.high / size, 3)}",
-            "",
-            f"0 … {format_number(one.high / size, 3)}",
-            one.unit,
-            "no",
-        )
+        limit = format_number(one.high / size, 3)
+        return name, f"< {limit}", "", f"0 … {limit}", one.unit, "no"
     if one.symbol == "T" and isinf(one.u):
         sign = ">" if isinf(one.high) else "<"
         return name, f"{sign} {format_number(one.value / size, 3)}", "", "", one.unit, ""

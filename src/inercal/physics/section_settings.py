@@ -10,7 +10,7 @@ from typing import ClassVar, NamedTuple, TypedDict, TypeVar, Unpack, overload
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import Measured, parse_quantity
 from inercal.physics.earth import gravity_at_unknown_height, normal_gravity
 
@@ -193,10 +193,8 @@ def measured_constant(text: str, like: str, key: str, *, last_digit: bool = True
 
     Without "±", the uncertainty is that of the last digit if `last_digit` is true.
     """
-    try:
+    with error_location(key, key=key):
         return parse_quantity(text, like, last_digit=last_digit)
-    except InputError as error:
-        raise error.located(key, key=key) from None
 
 
 def section_constant(section: BenchSection, name: str, like: str) -> Measured:

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_number, format_value_and_uncertainty, si_factor, to_si
 from inercal.basics.units.expression import ZERO_CELSIUS
 from inercal.calibration import Calibration
@@ -127,10 +127,8 @@ def points_from_table(path: Path) -> Points:
             raise InputError(
                 f"{path}: row {row}: {name} is not a number; fill it in", file=path, names=(name,)
             )
-        try:
+        with error_location(f"{path}: column {name!r}", file=path, key=name):
             parts[short] = to_si(values, unit, _LIKE[short[0]])
-        except InputError as error:
-            raise error.located(f"{path}: column {name!r}", file=path, key=name) from None
     zero = np.zeros(next(iter(parts.values())).size)
     points = {
         kind: np.stack([parts.get(kind + axis, zero) for axis in "xyz"], axis=-1)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from inercal.basics.errors import InercalError, InputError, NotObserved
+from inercal.basics.errors import InercalError, InputError, NotObserved, error_location
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches import Bench
 from inercal.calibration import Calibration
@@ -158,10 +158,8 @@ def _fitted(
     def solve(other: Bench) -> Estimate:
         return run.solver()(observations, solver_sensor, other, inputs.plan, run.priors)
 
-    try:
+    with error_location(run.path):
         require_small_assumed_share(assumed, estimate, p, bench, solve)
-    except InputError as error:
-        raise error.located(run.path) from None
     weighs_gravity = bool(sensor.select_axes("f").coefficients)
     estimate = replace(
         estimate,
@@ -234,10 +232,8 @@ def calibrate_run(
         Whether the advice of the verdict is tried; the grade does not depend on it.
     """
     if also is not None:
-        try:
+        with error_location(stated.path):
             stated = changed_run(stated, (also_change(also),))
-        except InputError as error:
-            raise error.located(stated.path) from None
     fitted = _fitted(stated, progress, seen, solution)
     if stated.adds_coefficients:
         fitted, advisor, additions = with_added_coefficients(fitted, _advisor)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import si_factor
 from inercal.benches.contract import SimulatedMotion
 from inercal.benches.hand.bench import face_label
@@ -160,10 +160,8 @@ def _require_chamber(run: Run) -> None:
             file=run.path,
             key="[environment] kind",
         )
-    try:
+    with error_location(run.path):
         require_profile(run.environment)
-    except InputError as error:
-        raise error.located(run.path) from None
 
 
 def _stated_labels(run: Run, labels: NDArray[np.str_]) -> NDArray[np.str_]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array, Bools
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import ZERO_CELSIUS, parse_quantity, to_si
 from inercal.recordings.samples import Recording
 
@@ -149,10 +149,8 @@ def temperature_readout(
 
 
 def _value(text: str, like: str, key: str) -> float:
-    try:
+    with error_location(f"[data] {key}", key=f"[data] {key}"):
         return parse_quantity(text, like).value
-    except InputError as error:
-        raise error.located(f"[data] {key}", key=f"[data] {key}") from None
 
 
 def first_impossible(kelvin: Array, *, allowed: bool = False) -> int | None:

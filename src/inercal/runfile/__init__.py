@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.keys import CoefficientName
 from inercal.basics.small_files import parse_toml, read_small_file
 from inercal.benches.kind_definition import KINDS, Kind, kind_name_for_class
@@ -56,17 +56,13 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
     """
     path = Path(path)
     raw = read_small_file(path, "run file")
-    try:
+    with error_location(path):
         content = parse_toml(raw, "run file")
-    except InputError as error:
-        raise error.located(path) from None
     _refuse_open_questions(path, raw)
     if method_keys and isinstance(content.get("method", {}), dict):
         content["method"] = content.get("method", {}) | dict(method_keys)
-    try:
+    with error_location(path):
         return from_sections(path, content, sha256(raw).hexdigest())
-    except InputError as error:
-        raise error.located(path) from None
 
 
 def _refuse_open_questions(path: Path, raw: bytes) -> None:
@@ -204,10 +200,8 @@ def _build_run(
 def _true_value(sensor: Sensor, name: str, text: str | float) -> float:
     """Return the value of a coefficient in [sensor.truth], in SI units."""
     key = f"[sensor.truth] {name}"
-    try:
+    with error_location(key, key=key):
         extended = sensor.with_coefficients(name)
-    except InputError as error:
-        raise error.located(key, key=key) from None
     return coefficient_value(extended, name, text, "[sensor.truth]").value
 
 

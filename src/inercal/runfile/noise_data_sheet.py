@@ -12,7 +12,7 @@ from typing import TypeVar, get_args
 
 from pydantic import Field, ValidationError
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.small_files import read_toml
 from inercal.noise.channel_noise import QUANTITIES, SI_UNIT
 from inercal.noise.data_sheet import (
@@ -79,10 +79,8 @@ def read_noise_data_sheet(path: Path) -> DataSheetNoise:
         sheet = DataSheetFile.model_validate(content).datasheet
     except ValidationError as error:
         raise schema_error(error, content, DataSheetFile).located(path) from None
-    try:
+    with error_location(path):
         return _noise(sheet, path.stem)
-    except InputError as error:
-        raise error.located(path) from None
 
 
 def _noise(sheet: DataSheetSection, stem: str) -> DataSheetNoise:

@@ -14,12 +14,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.small_files import is_file, read_toml, texts_of
 from inercal.benches import Bench
 from inercal.benches.kind_definition import KINDS, Kind
-from inercal.benches.qualification import KEY, NO_QUALIFICATIONS, UsedQualifications
-from inercal.benches.qualification.bench_keys import (
-    read_qualifications,
-    require_parameters,
-    with_qualified_keys,
-)
+from inercal.benches.qualification import KEY, NO_QUALIFICATIONS, UsedQualifications, bench_keys
 from inercal.methods import Estimator, Method
 from inercal.physics.plan import TableStep, table_steps
 from inercal.physics.section_settings import key_error
@@ -60,8 +55,8 @@ def with_qualifications(
     if not isinstance(section, dict) or "qualification" not in section:
         return dict(content), NO_QUALIFICATIONS
     stated = cast(dict[str, Any], section)
-    used = read_qualifications(stated["qualification"], folder)
-    completed, keys = with_qualified_keys(stated, kind, used)
+    used = bench_keys.read_qualifications(stated["qualification"], folder)
+    completed, keys = bench_keys.with_qualified_keys(stated, kind, used)
     return {**content, "bench": completed}, replace(used, keys=keys)
 
 
@@ -80,7 +75,7 @@ def qualified_bench(bench: Bench, used: UsedQualifications) -> Bench:
             f"{KEY}: this kind of bench cannot use a qualification; remove the key", key=KEY
         )
     result: Any = replace(cast(Any, bench), qualified=used.parameters)
-    require_parameters(result, used)
+    bench_keys.require_parameters(result, used)
     return result
 
 

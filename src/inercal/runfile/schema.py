@@ -5,7 +5,7 @@ key has an example, which error messages show.
 """
 
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from typing import Any, Literal, cast
 
 from pydantic import Field, create_model, field_validator
@@ -223,6 +223,9 @@ class MethodSection(Section):
     )
 
 
+_planning_key = partial(optional, json_schema_extra=PLANNING)
+
+
 class EnvironmentSection(Section):
     """Keys of [environment]: the temperatures around the bench."""
 
@@ -245,56 +248,40 @@ class EnvironmentSection(Section):
     warm_up: str | None = optional(
         "300 s", about="warm-up time constant of the biases, for a ramp up and down"
     )
-    temperatures: tuple[str, ...] = optional(
+    temperatures: tuple[str, ...] = _planning_key(
         ["-40 °C", "25 °C", "85 °C"],
         default=(),
         about="for a simulation or a chamber: soak temperatures, or turning points of a ramp",
-        json_schema_extra=PLANNING,
     )
-    ramp_rate: str | None = optional(
-        "2 K/min",
-        about="for a simulation: rate of the chamber between the temperatures",
-        json_schema_extra=PLANNING,
+    ramp_rate: str | None = _planning_key(
+        "2 K/min", about="for a simulation: rate of the chamber between the temperatures"
     )
-    wait: str | None = optional(
-        "30 min",
-        about="for a simulation or a chamber: rest time at each temperature",
-        json_schema_extra=PLANNING,
+    wait: str | None = _planning_key(
+        "30 min", about="for a simulation or a chamber: rest time at each temperature"
     )
-    case_time: str | None = optional(
-        "4 min",
-        about="for a simulation: thermal time constant of the case",
-        json_schema_extra=PLANNING,
+    case_time: str | None = _planning_key(
+        "4 min", about="for a simulation: thermal time constant of the case"
     )
-    tolerance: str | None = optional(
-        "0.5 K",
-        about="for a chamber: largest difference from its set temperature during a soak",
-        json_schema_extra=PLANNING,
+    tolerance: str | None = _planning_key(
+        "0.5 K", about="for a chamber: largest difference from its set temperature during a soak"
     )
-    drift: str | None = optional(
+    drift: str | None = _planning_key(
         "0.1 K/min",
         about="for a chamber: largest drift of the sensor's own temperature during a soak",
-        json_schema_extra=PLANNING,
     )
-    steady_time: str | None = optional(
+    steady_time: str | None = _planning_key(
         "10 min",
         about="for a chamber: time for which tolerance and drift are kept before the plan starts",
-        json_schema_extra=PLANNING,
     )
-    longest_wait: str | None = optional(
-        "3 h",
-        about="for a chamber: the run ends if a soak is not stable after this time",
-        json_schema_extra=PLANNING,
+    longest_wait: str | None = _planning_key(
+        "3 h", about="for a chamber: the run ends if a soak is not stable after this time"
     )
-    limits: tuple[str, str] | None = optional(
+    limits: tuple[str, str] | None = _planning_key(
         ["-45 °C", "90 °C"],
         about="for a chamber: lowest and highest permitted temperature of chamber and sensor",
-        json_schema_extra=PLANNING,
     )
-    max_rate: str | None = optional(
-        "10 K/min",
-        about="for a chamber: largest permitted rate of its temperature",
-        json_schema_extra=PLANNING,
+    max_rate: str | None = _planning_key(
+        "10 K/min", about="for a chamber: largest permitted rate of its temperature"
     )
 
 

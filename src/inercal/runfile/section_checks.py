@@ -11,7 +11,7 @@ from math import degrees, sin
 from pathlib import Path
 from typing import Any
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.keys import CoefficientName
 from inercal.methods import METHODS, Method
 from inercal.physics.earth import COMPUTED_GRAVITY_SD, UNKNOWN_HEIGHT, normal_gravity
@@ -233,14 +233,10 @@ def stated_check_standard(
         longest = si_value(section.check_standard_age, "s", _AGE)
         if longest < 0:
             raise key_error(_AGE, f"{section.check_standard_age!r} is negative")
-    try:
+    with error_location(_KEY, key=_KEY):
         found = load_check_standard(folder / section.check_standard)
-    except InputError as error:
-        raise error.located(_KEY, key=_KEY) from None
-    try:
+    with error_location(_AGE, key=_AGE):
         state = found.state(None if job is None else job.last_day, longest)
-    except InputError as error:
-        raise error.located(_AGE, key=_AGE) from None
     findings = tuple(Finding("warning", CHECK_STANDARD, one) for one in state.warnings)
     return state.text, findings
 

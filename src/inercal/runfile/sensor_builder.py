@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import Measured, parse_quantity, si_factor
 from inercal.benches.stated_axes import StatedAxes
 from inercal.physics.quantities import QUANTITIES
@@ -144,7 +144,5 @@ def coefficient_value(sensor: Sensor, name: str, text: str | float, key: str) ->
             names=(name,),
         )
     unit = sensor.coefficient(name).unit
-    try:
+    with error_location(f"{key} {name}", key=f"{key} {name}"):
         return parse_quantity(text, unit)
-    except InputError as error:
-        raise error.located(f"{key} {name}", key=f"{key} {name}") from None

@@ -6,7 +6,7 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import parse_quantity
 from inercal.physics.section_settings import key_error
@@ -80,7 +80,7 @@ def _stated_next_use(
         return None
     if file is None:
         raise key_error(key, "uncertainty 'next_use' needs a file written by inercal repeat")
-    try:
+    with error_location(key, key=key):
         found = load_next_use(folder / file)
         if (found.frame, found.form) != terms:
             raise InputError(
@@ -88,8 +88,6 @@ def _stated_next_use(
                 f"uses {terms[0]} and {terms[1]}; repeat such sessions"
             )
         found.of(names)
-    except InputError as error:
-        raise error.located(key, key=key) from None
     return found
 
 
@@ -127,10 +125,8 @@ def _rank(word: str, name: str) -> tuple[bool, bool]:
 def _limits_of_word(word: str, text: str | tuple[str, str], sensor: Sensor) -> dict[str, _Limits]:
     """Return the limits for all coefficients that a key names and that have a suitable unit."""
     key = f"{_KEY} {word}"
-    try:
+    with error_location(key, key=key):
         named = select_coefficients(sensor.axes, [word])
-    except InputError as error:
-        raise error.located(key, key=key) from None
     names = [name for name in named if name in sensor.coefficients]
     if not names:
         raise key_error(

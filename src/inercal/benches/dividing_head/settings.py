@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.physics.section_settings import (
@@ -105,10 +105,8 @@ def _read_polygon(path: Path, unit: str) -> tuple[float, ...]:
         The table has no columns `face` and `deviation`, or its faces are not 1 to n in order.
     """
     key = "[bench] polygon"
-    try:
+    with error_location(key, file=path, key=key):
         table = read_table(path)
-    except InputError as error:
-        raise error.located(key, file=path, key=key) from None
     for name in ("face", "deviation"):
         if name not in table.columns:
             raise InputError(

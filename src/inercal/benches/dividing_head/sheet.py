@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees, pi
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_count, format_duration
 from inercal.benches.dividing_head import passes
 from inercal.benches.dividing_head.bench import DividingHead
@@ -43,10 +43,8 @@ def sheet(run: RunBase[DividingHeadData]) -> Sheet:
     steps = [step for step in run.steps if isinstance(step, Index)]
     collimated, label = bench.collimated != "none", data.label is not None
     unit, levelled = readback_units(run)["angle"], data.level is not None
-    try:
+    with error_location(run.path):
         planned = operator_rows(bench, steps, recorded=data.autocollimator is not None)
-    except InputError as error:
-        raise error.located(run.path) from None
     idle = frozenset({len(data.accelerometer)}) if collimated else frozenset[int]()
     first = {row.in_pass: row.sense for row in reversed(planned)}
     result: list[SheetRow] = []

@@ -10,7 +10,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from pydantic import Field, ValidationError
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.small_files import read_toml
 from inercal.benches.kind_definition import KINDS
 from inercal.benches.qualification.linear_fit import MeasuredParameters
@@ -189,10 +189,8 @@ def qualify(path: str | Path) -> Qualification:
     """
     path = Path(path)
     content = read_toml(path, "input file of a qualification")
-    try:
+    with error_location(path):
         return _qualify(path, content)
-    except InputError as error:
-        raise error.located(path) from None
 
 
 def input_files(path: str | Path) -> list[Path]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import Measured
 from inercal.benches.qualification.linear_fit import MeasuredParameters
 from inercal.benches.qualification.measurements import (
@@ -184,11 +184,9 @@ def _certified_deviations(given: MeasurementInput) -> Array | None:
     if given.section.polygon is None:
         return None
     key = "[measurement] polygon"
-    try:
+    with error_location(key, key=key):
         table = read_table(given.folder / given.section.polygon)
         deviation = np.asarray(table.numbers("deviation"), dtype=float)
-    except InputError as error:
-        raise error.located(key, key=key) from None
     unit = given.section.polygon_unit
     return deviation * si_value(f"1 {unit}", "°", "[measurement] polygon_unit")
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_quantity
 from inercal.benches.characteristics import BAND_NOTE, characteristic_notes, rows_of_bands
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
@@ -224,10 +224,8 @@ def _marked_sections(
             'labelled, such as "x +50" and "x rest", with marks = "labels"',
             run.path,
         )
-    try:
+    with error_location(run.path):
         return find_sections(recording, run.sensor, _stated_sections(run), settle)
-    except InputError as error:
-        raise error.located(run.path) from None
 
 
 def _stated_sections(run: RunBase[RatePlatformData]) -> list[PlatformStep]:

@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.small_files import is_file
 from inercal.basics.units import si_factor
 from inercal.benches.turntable.bench import Turntable
@@ -222,10 +222,8 @@ def _quantities(path: Path, table: Table, axes: Sequence[str]) -> dict[str, Arra
             raise refusal(name, f"needs a unit: {name} [{likes[name]}]")
         if name in result:
             raise refusal(name, "appears twice; remove one of the two")
-        try:
+        with error_location(f"{path.name}: column {header!r}", file=path):
             size = si_factor(headed[2], likes[name])
-        except InputError as error:
-            raise error.located(f"{path.name}: column {header!r}", file=path) from None
         result[name] = size * table.numbers(header)
     for name in ("label", "kind"):
         if name not in table.names:

@@ -26,14 +26,9 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.turntable import require_turntable
+from inercal.host.assembly import section_timeline
 from inercal.host.assembly.imu_samples import DroppedPackets, ReceivedSamples
 from inercal.host.assembly.packet_dating import PacketRows
-from inercal.host.assembly.section_timeline import (
-    InterruptionList,
-    InterruptionSpan,
-    SectionSpan,
-    SectionTimeline,
-)
 from inercal.host.assembly.table_polls import POLL_INTERVAL, RatePolls, TablePolls
 from inercal.host.packets import PacketCounts, PacketLayout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
@@ -174,7 +169,7 @@ class SampleAssembler:
             TablePolls(poll, require_turntable(run)) if control.has_attitude else RatePolls(bench)
         )
         self._settling = control.settling(bench)
-        self._sections = SectionTimeline(self._settling)
+        self._sections = section_timeline.SectionTimeline(self._settling)
         # Size in SI of the unit of each axis' column in the recording; a negative size reverses the
         # sign.
         sizes = readback_units(run)
@@ -184,11 +179,11 @@ class SampleAssembler:
         self._imu_kind = imu_kind
         self._pending: list[LogFrame] = []
         self._attempt: int = 0
-        self._interruptions = InterruptionList()
+        self._interruptions = section_timeline.InterruptionList()
         self._start_recording()
 
     @property
-    def sections(self) -> tuple[SectionSpan, ...]:
+    def sections(self) -> tuple[section_timeline.SectionSpan, ...]:
         """The sections so far, by the table's clock."""
         return tuple(replace(one) for one in self._sections.spans)
 
@@ -202,7 +197,7 @@ class SampleAssembler:
         )  # fmt: skip
 
     @property
-    def interruptions(self) -> tuple[InterruptionSpan, ...]:
+    def interruptions(self) -> tuple[section_timeline.InterruptionSpan, ...]:
         """The interruptions, with their run times in s and causes."""
         return tuple(replace(one) for one in self._interruptions.interruptions)
 

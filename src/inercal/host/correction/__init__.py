@@ -19,14 +19,7 @@ from inercal.basics.errors import InercalError, InputError
 from inercal.basics.units import format_count, format_duration
 from inercal.calibration import Calibration
 from inercal.host.addresses import layout_of_address, link_of_address
-from inercal.host.correction.outputs import (
-    FORMATS,
-    MOST_WAITING,
-    Output,
-    OutputClosed,
-    TcpOutput,
-    open_output,
-)
+from inercal.host.correction import outputs
 from inercal.host.correction.sources import Source
 from inercal.host.correction.text_rows import ArrivedPackets, ArrivedRows, TextRows, layout_of_file
 from inercal.host.link import LinkLost
@@ -103,7 +96,7 @@ class LiveCorrection:
         corrector: LiveCorrector,
         source: Source,
         parser: TextRows | ArrivedPackets,
-        output: Output,
+        output: outputs.Output,
         tell: Callable[[str], None] = lambda _: None,
     ):
         self.summary = LiveSummary()
@@ -111,7 +104,7 @@ class LiveCorrection:
         self._output, self._tell = output, tell
         self._retry, self._next_attempt = _FIRST_RETRY, 0.0
         self._stopped = self._ended = self._lost = self._pausing = self._told_loss = False
-        self._listener = output.listener if isinstance(output, TcpOutput) else None
+        self._listener = output.listener if isinstance(output, outputs.TcpOutput) else None
         with on_failure(output.close):
             source.open()
         parser.restart(mid_stream=source.mid_stream)
@@ -129,7 +122,7 @@ class LiveCorrection:
             The source does not have the columns or any sample, or the output cannot be written.
         """
         start, summary = monotonic(), self.summary
-        with self._source, self._output, suppress(OutputClosed):
+        with self._source, self._output, suppress(outputs.OutputClosed):
             while not (self._stopped or self._ended):
                 self._turn()
             self._finish()
@@ -150,7 +143,7 @@ class LiveCorrection:
             incoming.append(source)
         outgoing = [reader for reader in output.readers if not reader.is_idle]
         ready, writable, _ = select.select(incoming, outgoing, [], min(wait, _IDLE))
-        if isinstance(output, TcpOutput) and self._listener in ready:
+        if isinstance(output, outputs.TcpOutput) and self._listener in ready:
             output.accept()
         if writable:
             output.flush()
@@ -160,7 +153,7 @@ class LiveCorrection:
     def _must_wait(self) -> bool:
         """Return whether a source that can wait must do so for its readers."""
         readers = self._output.readers
-        busy = any(reader.waiting >= MOST_WAITING // 2 for reader in readers)
+        busy = any(reader.waiting >= outputs.MOST_WAITING // 2 for reader in readers)
         return not self._source.live and (busy or not readers)
 
     def _take(self, *, ready: bool) -> None:
@@ -256,8 +249,10 @@ def open_correction(
         An address is malformed or cannot be opened, or the run file does not fit the calibration or
         the source.
     """
-    if form not in FORMATS:
-        raise InputError(f"no format {form!r}; possible: {', '.join(FORMATS)}", key="--format")
+    if form not in outputs.FORMATS:
+        raise InputError(
+            f"no format {form!r}; possible: {', '.join(outputs.FORMATS)}", key="--format"
+        )
     corrector, opened = LiveCorrector(calibration, run, extrapolate=extrapolate), Source(source)
     run = corrector.run
     if link_of_address(source) != source:
@@ -265,5 +260,5 @@ def open_correction(
     else:
         layout = None if opened.file is None else layout_of_file(run, opened.file)
         parser = TextRows(run, opened.address, layout, tell)
-    output = open_output(to, FORMATS[form](corrector.names))
+    output = outputs.open_output(to, outputs.FORMATS[form](corrector.names))
     return LiveCorrection(corrector, opened, parser, output, tell)

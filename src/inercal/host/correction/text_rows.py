@@ -21,11 +21,7 @@ from inercal.basics.units import si_factor
 from inercal.host.packets import Decoder, Flag, PacketLayout
 from inercal.host.packets.packet_format import AXES
 from inercal.host.packets.stream import CounterUnwrapper
-from inercal.recordings.data.recording_loader import (
-    reader_columns,
-    require_distinct_columns,
-    reversed_axes,
-)
+from inercal.recordings.data import recording_loader
 from inercal.recordings.io.column_table import select_columns, shorten
 from inercal.recordings.io.read import Columns, detect_reader
 from inercal.recordings.io.row_checks import TOO_LARGE, is_usable
@@ -71,8 +67,8 @@ def stream_columns(run: Run) -> Columns:
     InputError
         The columns are in two files, or a column is missing or used twice.
     """
-    require_distinct_columns(run)
-    columns, wanted = reader_columns(run), len(run.sensor.axes)
+    recording_loader.require_distinct_columns(run)
+    columns, wanted = recording_loader.reader_columns(run), len(run.sensor.axes)
     if len(columns.channels) < wanted:
         raise InputError(
             f"{run.path}: [data] names {len(columns.channels)} columns of a single file for the "
@@ -110,7 +106,7 @@ class ArrivedPackets:
         wrong = None
         if lacking:
             wrong = f"have no {', '.join(lacking)}; choose another preset, or correct [sensor]"
-        elif reversed_axes(run):
+        elif recording_loader.reversed_axes(run):
             wrong = "have signs of their own; reverse an axis in their description, not in [data]"
         elif rate is None and "time" not in layout.roles:
             wrong = 'have no time; state [data] rate, such as rate = "100 Hz"'
@@ -213,7 +209,7 @@ class TextRows:
         single = (columns.time, columns.temperature)
         self._wanted = [c for _, c, _ in columns.channels] + [c for c in single if c is not None]
         self._named = not any(map(is_number, self._wanted))  # otherwise a row may look the same
-        back = reversed_axes(run)
+        back = recording_loader.reversed_axes(run)
         self._reversed = [k for k, axis in enumerate(run.sensor.axes) if axis.name in back]
         self._zeros = np.array([axis.readout.offset for axis in run.sensor.axes])
         self._counter = CounterUnwrapper(columns.modulus or 0.0, 0.0)

@@ -33,11 +33,7 @@ class TextDialogue(Closeable):
     """
 
     def __init__(
-        self,
-        address: str,
-        ending: bytes,
-        timeout: float,
-        opener: Callable[[str], Link] = open_link,
+        self, address: str, ending: bytes, timeout: float, opener: Callable[[str], Link] = open_link
     ):
         self.address = address
         self._ending, self._timeout, self._opener = ending, timeout, opener

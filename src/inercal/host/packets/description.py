@@ -8,7 +8,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.small_files import parse_toml, read_small_file
 from inercal.basics.units import parse_quantity, si_factor
 from inercal.host.packets.layout import PacketLayout, Scale
@@ -88,10 +88,8 @@ def parse_layout(text: str | bytes, name: str) -> PacketLayout:
     InputError
         See `read_layout`.
     """
-    try:
+    with error_location(name, file=name):
         return _build_layout(parse_toml(text, "description of packets"), name)
-    except InputError as error:
-        raise error.located(name, file=name) from None
 
 
 def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
@@ -167,10 +165,8 @@ def _check_keys(part: Any, section: str) -> None:
 
 def _with_key(key: str, made: Callable[[], T]) -> T:
     """Call a function, and add the key to any error."""
-    try:
+    with error_location(key, key=key):
         return made()
-    except InputError as error:
-        raise error.located(key, key=key) from None
 
 
 def _frames(content: dict[str, Any]) -> tuple[BinaryFrame, ...] | tuple[TextLine]:

@@ -8,11 +8,10 @@ Run as `python -m inercal.host.sim.acutrol`.
 """
 
 import re
-from argparse import ArgumentParser
 from math import degrees, inf, radians
 
 from inercal.host.sim import dynamics
-from inercal.host.sim.server import add_pace_option, selected_pace, serve
+from inercal.host.sim.server import serve, simulator_parser
 
 _WORDS = ("mode", "demand", "read", "limit", "interlock", "position", "rate", "acceleration",
           "absolute", "close", "open", "reset", "off")  # fmt: skip
@@ -166,11 +165,8 @@ def _expand_word(word: str) -> str:
 
 def main() -> None:
     """Serve a simulated ACUTROL3000 until standard input ends; see `server.serve`."""
-    parser = ArgumentParser(prog="python -m inercal.host.sim.acutrol", description=__doc__)
-    parser.add_argument("--port", type=int, default=0, help="port; 0 selects any free one")
-    add_pace_option(parser)
-    options = parser.parse_args()
-    serve(SimulatedAcutrol(), selected_pace(options), options.port)
+    parser = simulator_parser("python -m inercal.host.sim.acutrol", __doc__)
+    serve(SimulatedAcutrol(), parser.parse_args())
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ Run it as `python -m inercal.host.sim.chamber --port 5025 --pace 60`.
 """
 
 import re
-from argparse import ArgumentParser
 from collections.abc import Callable
 from math import copysign, exp, inf, isfinite, isnan, nan
 from time import monotonic
@@ -30,7 +29,7 @@ from inercal.host.equipment import ChamberState
 from inercal.host.link import LinkLost
 from inercal.host.sim.dynamics import LineSession
 from inercal.host.sim.faults import parse_number, unknown_fault
-from inercal.host.sim.server import add_pace_option, selected_pace, serve
+from inercal.host.sim.server import serve, simulator_parser
 
 _LIMITER_MARGIN = 10.0  # K above the highest set point, at which the limiter switches off
 _PASSIVE_FACTOR = 5.0  # a closed chamber that is off is this much slower than a controlled one
@@ -255,11 +254,8 @@ class SimulatedScpiChamber(SimulatedChamber):
 
 def main() -> None:
     """Serve a simulated chamber until standard input ends; see `server.serve`."""
-    parser = ArgumentParser(prog="python -m inercal.host.sim.chamber", description=__doc__)
-    parser.add_argument("--port", type=int, default=0, help="port; 0 selects any free one")
-    add_pace_option(parser)
-    options = parser.parse_args()
-    serve(SimulatedScpiChamber(), selected_pace(options), options.port)
+    parser = simulator_parser("python -m inercal.host.sim.chamber", __doc__)
+    serve(SimulatedScpiChamber(), parser.parse_args())
 
 
 if __name__ == "__main__":

@@ -3,12 +3,11 @@
 Run it as `python -m inercal.host.sim.motor`, on a pseudo-terminal, or with `--port` over TCP.
 """
 
-from argparse import ArgumentParser
 from math import degrees, isfinite, radians
 
 from inercal.host.sim.dynamics import AxisDynamics, Controller, LineSession, SimulatedTable
 from inercal.host.sim.faults import parse_number
-from inercal.host.sim.server import add_pace_option, selected_pace, serve
+from inercal.host.sim.server import serve, simulator_parser
 
 _LIMITS = {"JOG": 600.0, "VEL": 600.0, "ACL": 200.0}  # °/s, °/s²
 
@@ -68,13 +67,8 @@ class SimulatedMotor(Controller):
 
 def main() -> None:
     """Serve a simulated motor until standard input ends; see `server.serve`."""
-    parser = ArgumentParser(prog="python -m inercal.host.sim.motor", description=__doc__)
-    parser.add_argument(
-        "--port", type=int, help="TCP port, 0: any free one; else a pseudo-terminal"
-    )
-    add_pace_option(parser)
-    options = parser.parse_args()
-    serve(SimulatedMotor(), selected_pace(options), options.port or 0, options.port is None)
+    parser = simulator_parser("python -m inercal.host.sim.motor", __doc__, None)
+    serve(SimulatedMotor(), parser.parse_args())
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ Run it as `python -m inercal.host.sim.pmac --port 1025`.
 """
 
 import re
-from argparse import ArgumentParser
 from collections.abc import Callable
 from functools import lru_cache, partial
 from math import inf, tau
@@ -23,7 +22,7 @@ from struct import unpack_from
 
 from inercal.host.sim import _table_kernel as kernel
 from inercal.host.sim import dynamics
-from inercal.host.sim.server import add_pace_option, selected_pace, serve
+from inercal.host.sim.server import serve, simulator_parser
 
 _VALUE = r"[+-]?(?:\$[0-9A-F]+|\d+\.?\d*|\.\d+)"
 _COMMANDS = re.compile(
@@ -382,12 +381,10 @@ class _Session:
 
 def main() -> None:
     """Serve a simulated PMAC until standard input ends; see `server.serve`."""
-    parser = ArgumentParser(prog="python -m inercal.host.sim.pmac", description=__doc__)
-    parser.add_argument("--port", type=int, default=0, help="port; 0 selects any free one")
+    parser = simulator_parser("python -m inercal.host.sim.pmac", __doc__)
     parser.add_argument("--counts", type=int, default=3_600_000, help="encoder counts per turn")
-    add_pace_option(parser)
     options = parser.parse_args()
-    serve(SimulatedPmac(counts_per_turn=options.counts), selected_pace(options), options.port)
+    serve(SimulatedPmac(counts_per_turn=options.counts), options)
 
 
 if __name__ == "__main__":

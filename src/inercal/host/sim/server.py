@@ -291,14 +291,40 @@ def _open_terminal() -> tuple[_Connection, str]:
     return _Connection(device, lambda: os.read(device, _READ_SIZE), send, close), os.ttyname(host)
 
 
-def serve(device: Device, pace: Callable[[], float], port: int, terminal: bool = False) -> None:
+def simulator_parser(program: str, description: str | None, port: int | None = 0) -> ArgumentParser:
+    """Return the parser of a simulator's options: `--port`, and `--pace` of its clock.
+
+    Parameters
+    ----------
+    program : str
+        Text that starts the program, for its help.
+    description : str or None
+    port : int or None
+        Default of `--port`; None means a pseudo-terminal.
+    """
+    parser = ArgumentParser(prog=program, description=description)
+    help_text = "port; 0 selects any free one"
+    if port is None:
+        help_text = "TCP port, 0: any free one; else a pseudo-terminal"
+    parser.add_argument("--port", type=int, default=port, help=help_text)
+    parser.add_argument(
+        "--pace",
+        default="1",
+        help="bench seconds per second, such as 10; told: only `advance T` lets time pass",
+    )
+    return parser
+
+
+def serve(device: Device, options: Namespace) -> None:
     """Serve until standard input ends; each input line sets a fault or advances the time.
 
     First, the address is printed in the form `at tcp://127.0.0.1:40123`. The answer to each input
     line is `ok` or an error. `advance 1.5` lets time pass if the clock can be set. The possible
     faults are defined in `faults` and by the device.
     """
-    with SimulatorServer(device, pace, port=port, terminal=terminal) as server:
+    pace = ManualClock() if options.pace == "told" else ScaledClock(float(options.pace))
+    terminal = options.port is None
+    with SimulatorServer(device, pace, port=options.port or 0, terminal=terminal) as server:
         print(f"at {server.address}", flush=True)
         execute_commands(server, sys.stdin, sys.stdout)
 
@@ -328,17 +354,3 @@ def answer_lines(tell: Callable[[str], None], told: TextIO, answers: TextIO) -> 
             print("ok", file=answers, flush=True)
         except (InputError, ValueError) as error:
             print(f"no: {error}", file=answers, flush=True)
-
-
-def add_pace_option(parser: ArgumentParser) -> None:
-    """Add the option `--pace`: a factor for the wall clock, or `told`."""
-    parser.add_argument(
-        "--pace",
-        default="1",
-        help="bench seconds per second, such as 10; told: only `advance T` lets time pass",
-    )
-
-
-def selected_pace(options: Namespace) -> Callable[[], float]:
-    """Return the clock that `--pace` selects."""
-    return ManualClock() if options.pace == "told" else ScaledClock(float(options.pace))

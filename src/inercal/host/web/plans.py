@@ -141,8 +141,7 @@ def filter_changes(requested: object) -> Mapping[str, str] | None:
     for key, text in given.items():
         if not (isinstance(text, str) and text.isprintable() and len(text) <= _MAX_TEXT):
             raise InputError(
-                f"filter: {key[:_MAX_TEXT]}: enter at most {_MAX_TEXT} characters",
-                key="filter",
+                f"filter: {key[:_MAX_TEXT]}: enter at most {_MAX_TEXT} characters", key="filter"
             )
     return {key: text.strip() for key, text in given.items()} or None
 

@@ -11,7 +11,7 @@ from datetime import date
 from math import inf
 from typing import Literal
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import ZERO_CELSIUS, parse_quantity
 from inercal.calibration import Calibration
 from inercal.calibration.calibration import SIMULATED
@@ -106,10 +106,8 @@ def _outside_ranges(laboratory: LaboratoryFile, calibration: Calibration) -> lis
         if stated is None or name not in known:
             continue
         key = f"[capability] {name}"
-        try:
+        with error_location(key, key=key):
             low, high = (parse_quantity(text, unit).value for text in stated)
-        except InputError as error:
-            raise error.located(key, key=key) from None
         if not low < high:
             raise InputError(f"{key}: the first quantity must be below the second", key=key)
         least, largest = known[name]

@@ -12,6 +12,7 @@ units.
 import base64
 import json
 from collections import Counter
+from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 from math import isfinite, sqrt
 from typing import Any
@@ -187,40 +188,44 @@ def _influence_conditions(certificate: Certificate, results: ResultSet) -> Any:
     return dcc("influenceConditions", *conditions) if conditions else None
 
 
+def _result(
+    kind: str,
+    results: ResultSet,
+    description: Sequence[Any],
+    values: Iterable[float],
+    uncertainty: Any,
+) -> Any:
+    """Return a result with the values of all coefficients; `description` includes its name."""
+    rows = results.rows
+    numbers = si(
+        "realListXMLList",
+        si("labelXMLList", " ".join(list_label(row.name) for row in rows)),
+        si("valueXMLList", _numbers(values)),
+        si("unitXMLList", " ".join(dsi_unit(row.si_unit) for row in rows)),
+        uncertainty,
+    )
+    data = dcc("data", dcc("quantity", numbers, refType=kind))
+    return dcc("result", *description, data, refType=kind)
+
+
 def _rounded_result(texts: Texts, results: ResultSet) -> Any:
     rows = results.rows
-    k = f"{results.k:.2f}"
-    count = len(rows)
     uncertainty = si(
         "expandedUncXMLList",
         si("uncertaintyXMLList", _numbers(row.expanded_si for row in rows)),
-        si("coverageFactorXMLList", " ".join([k] * count)),
-        si("coverageProbabilityXMLList", " ".join([str(COVERAGE_PROBABILITY)] * count)),
+        si("coverageFactorXMLList", " ".join([f"{results.k:.2f}"] * len(rows))),
+        si("coverageProbabilityXMLList", " ".join([str(COVERAGE_PROBABILITY)] * len(rows))),
     )
     described = "; ".join(
         f"{row.name}: {texts.word('meaning', row.meaning)}, {row.value} ± {row.expanded} {row.unit}"
         for row in rows
     )
-    return dcc(
-        "result",
+    description = (
         content("name", texts, texts.text("results")),
         content("description", texts, described),
-        dcc(
-            "data",
-            dcc(
-                "quantity",
-                si(
-                    "realListXMLList",
-                    si("labelXMLList", " ".join(list_label(row.name) for row in rows)),
-                    si("valueXMLList", _numbers(row.value_si for row in rows)),
-                    si("unitXMLList", " ".join(dsi_unit(row.si_unit) for row in rows)),
-                    uncertainty,
-                ),
-                refType="inercal_coefficients",
-            ),
-        ),
-        refType="inercal_coefficients",
     )
+    values = (row.value_si for row in rows)
+    return _result("inercal_coefficients", results, description, values, uncertainty)
 
 
 def _full_result(texts: Texts, results: ResultSet) -> Any:
@@ -236,6 +241,12 @@ def _full_result(texts: Texts, results: ResultSet) -> Any:
         )
         for second, column in zip(units, results.covariance.T.tolist(), strict=True)
     ]
+    ellipsoid = si(
+        "ellipsoidalRegionXMLList",
+        si("covarianceMatrix", *columns),
+        si("coverageFactor", f"{_ellipsoid_factor(results):.4f}"),
+        si("coverageProbability", str(COVERAGE_PROBABILITY)),
+    )
     file_name = f"{calibration.sensor.name}.calibration.json"
     attached = dcc(
         "file",
@@ -243,31 +254,12 @@ def _full_result(texts: Texts, results: ResultSet) -> Any:
         dcc("mimeType", "application/json"),
         dcc("dataBase64", base64.b64encode(calibration_bytes(results)).decode()),
     )
-    return dcc(
-        "result",
+    description = (
         content("name", texts, texts.text("coefficients_full")),
         content("description", texts, texts.text("attached"), more=(attached,)),
-        dcc(
-            "data",
-            dcc(
-                "quantity",
-                si(
-                    "realListXMLList",
-                    si("labelXMLList", " ".join(list_label(row.name) for row in results.rows)),
-                    si("valueXMLList", _numbers(calibration.values.tolist())),
-                    si("unitXMLList", " ".join(map(dsi_unit, units))),
-                    si(
-                        "ellipsoidalRegionXMLList",
-                        si("covarianceMatrix", *columns),
-                        si("coverageFactor", f"{_ellipsoid_factor(results):.4f}"),
-                        si("coverageProbability", str(COVERAGE_PROBABILITY)),
-                    ),
-                ),
-                refType="inercal_covariance",
-            ),
-        ),
-        refType="inercal_covariance",
     )
+    values = calibration.values.tolist()
+    return _result("inercal_covariance", results, description, values, ellipsoid)
 
 
 def _ellipsoid_factor(results: ResultSet) -> float:
@@ -299,10 +291,7 @@ def _conformity(certificate: Certificate) -> Any:
 
 def _limit_entry(texts: Texts, one: LimitResult, unit: str) -> Any:
     limits = [
-        dcc(
-            "quantity",
-            si("real", si("label", name), si("value", repr(value)), si("unit", unit)),
-        )
+        dcc("quantity", si("real", si("label", name), si("value", repr(value)), si("unit", unit)))
         for name, value in (("lower", one.lower), ("upper", one.upper))
         if isfinite(value)
     ]

@@ -17,13 +17,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from inercal.basics.errors import InputError
-from inercal.laboratory.certificate.content import (
-    Certificate,
-    CertificateChange,
-    CertificateInput,
-    Change,
-    make_certificate,
-)
+from inercal.laboratory.certificate import content
 from inercal.laboratory.certificate.dcc import calibration_bytes, write_dcc
 from inercal.laboratory.certificate.dcc_elements import certificate_library
 from inercal.laboratory.certificate.dcc_reading import schema_defects
@@ -55,13 +49,13 @@ class IssueOptions:
     font: Path | None = None
     schema: Path | None = None
     key: SigningKey | None = None
-    change: Change = ""
+    change: content.Change = ""
     previous: str = ""
     reason: str = ""
 
 
 def make_files(
-    given: CertificateInput,
+    given: content.CertificateInput,
     number: str,
     options: IssueOptions,
     previous: CertificateEntry | None = None,
@@ -75,12 +69,12 @@ def make_files(
         does not conform to the schema.
     """
     font = find_font(given.language, options.font)
-    change = CertificateChange()
+    change = content.CertificateChange()
     if previous is not None:
-        change = CertificateChange(
+        change = content.CertificateChange(
             options.change, previous.number, previous.dcc_sha256, options.reason
         )
-    certificate = make_certificate(given, number, change)
+    certificate = content.make_certificate(given, number, change)
     dcc = write_dcc(certificate)
     if options.key is not None:
         dcc = sign_dcc(dcc, options.key)
@@ -97,7 +91,7 @@ def make_files(
 
 
 def issue(
-    source: Path, given: CertificateInput, options: IssueOptions, register: Register
+    source: Path, given: content.CertificateInput, options: IssueOptions, register: Register
 ) -> CertificateEntry:
     """Issue a certificate with the next number of the laboratory.
 
@@ -128,7 +122,7 @@ _MISSING = re.compile(r'the text `?"(.+?)"`? could not be displayed', re.DOTALL)
 
 
 def write_pdf(
-    certificate: Certificate, dcc: bytes, font: Path | None, *, signed: bool = False
+    certificate: content.Certificate, dcc: bytes, font: Path | None, *, signed: bool = False
 ) -> bytes:
     """Return the certificate as PDF/A-3b.
 
@@ -156,13 +150,13 @@ def write_pdf(
     return _compile(certificate, attached, font, STANDARD, signed=signed)
 
 
-def write_pdf_a1(certificate: Certificate, font: Path | None) -> bytes:
+def write_pdf_a1(certificate: content.Certificate, font: Path | None) -> bytes:
     """Return the same pages as PDF/A-1b, without attachments, because some validators need this."""
     return _compile(certificate, {}, font, "a-1b")
 
 
 def _compile(
-    certificate: Certificate,
+    certificate: content.Certificate,
     attached: dict[str, str],
     font: Path | None,
     standard: str,

@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_value_and_uncertainty, parse_quantity
 from inercal.calibration import Calibration
@@ -167,10 +167,8 @@ def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[st
     found: dict[str, float] = {}
     for word, text in sorted(uncertainty.items(), key=lambda one: "." in one[0]):
         key = f"[capability.uncertainty] {word}"
-        try:
+        with error_location(key, key=key):
             select_coefficients(imu().axes, [CoefficientName(word).term])
-        except InputError as error:
-            raise error.located(key, key=key) from None
         try:
             named = select_coefficients(sensor.axes, [word])
         except InputError:

@@ -175,18 +175,11 @@ def _pdf_signature(content: bytes, trusted: bytes | None) -> Check:
 
 def _trust_check(name: str, subject: str, trusted: bytes | None, leads: bool) -> Check:
     if trusted is None:
-        return Check(
-            name,
-            True,
-            f"intact, signed by {subject}, who was not checked; name the certificates you "
-            "trust with --trust",
-        )
+        who = f"signed by {subject}, who was not checked"
+        return Check(name, True, f"intact, {who}; name the certificates you trust with --trust")
     if not leads:
-        return Check(
-            name,
-            False,
-            f"intact, but the certificate of {subject} does not lead to the one you trust",
-        )
+        reason = f"the certificate of {subject} does not lead to the one you trust"
+        return Check(name, False, f"intact, but {reason}")
     return Check(name, True, f"intact, signed by {subject}, trusted", vouches=True)
 
 
@@ -267,11 +260,8 @@ def _agreement(stated: StatedResults, number: int) -> Check:
         for text, each in zip(shown, both, strict=True):
             # The certificate states k with two decimals, which may change the last digit of U.
             if abs(float(text) - each) > max(1e-9 * abs(each), 0.051 * both[1]):
-                return Check(
-                    name,
-                    False,
-                    f"the value or U stated for {coefficient} is not the rounded result",
-                )
+                wrong = f"the value or U stated for {coefficient} is not the rounded result"
+                return Check(name, False, wrong)
     return Check(name, True, "rounded results, covariance and calibration file agree")
 
 

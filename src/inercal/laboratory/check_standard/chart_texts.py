@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from inercal.basics.documents import origin, record_object
+from inercal.basics.documents import attributes, origin, record_object
 from inercal.basics.units import format_count
 from inercal.calibration.check_standard import SCHEMA
 from inercal.estimation.uncertainty.control_charts import EWMA_WEIGHT, MEWMA_WEIGHT, ChartKind
@@ -171,14 +171,10 @@ def bench_charts_object(found: BenchCharts) -> dict[str, Any]:
         "lasting": found.lasting_kind,
         "parameters": [
             {
-                "name": one.name,
-                "unit": one.unit,
-                "meaning": one.meaning,
+                **attributes(one, "name unit meaning"),
                 "reference": one.mean,
                 "reference_std": one.mean_std,
-                "reference_days": one.reference_days,
-                "scatter": one.scatter,
-                "shewhart_limit": one.shewhart_limit,
+                **attributes(one, "reference_days scatter shewhart_limit"),
                 f"{kind}_limit": one.lasting_limit,
                 "points": [
                     {

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from inercal.basics.documents import origin
+from inercal.basics.documents import attributes, origin
 from inercal.basics.units import format_count
 from inercal.calibration import Calibration
 from inercal.calibration.specification import SCHEMA
@@ -40,23 +40,15 @@ def repeatability_object(found: Repeatability) -> dict[str, Any]:
         },
         "components": [
             {
-                "name": one.effect.name,
-                "level": one.effect.level,
-                "owner": one.effect.owner,
+                **attributes(one.effect, "name level owner"),
                 "coefficients": [found.names[k] for k in one.effect.places],
-                "sd": one.sd,
-                "low": one.low,
-                "high": one.high,
-                "dof": one.dof,
+                **attributes(one, "sd low high dof"),
             }
             for one in found.components
         ],
         "sessions": [
             {
-                "label": one.label,
-                "day": one.day,
-                "mount": one.mount,
-                "turn_on": one.turn_on,
+                **attributes(one, "label day mount turn_on"),
                 "recording_sha256": one.calibration.provenance.get("recording sha256", ""),
             }
             for one in matched.sessions

@@ -135,10 +135,7 @@ class Repeatability:
         """Text lines on disagreements between the sessions, and on assumptions."""
         pooled = np.diag(_pooled_scatter(self.fit, self.scope))
         own = np.flatnonzero(_scatter_alone(self.fit) > pooled).tolist()
-        return (
-            *findings(self.fit, self.mount_owner),
-            *single_scatter_lines(self.fit, pooled, own),
-        )
+        return (*findings(self.fit, self.mount_owner), *single_scatter_lines(self.fit, pooled, own))
 
     @property
     def run_to_run(self) -> Array:

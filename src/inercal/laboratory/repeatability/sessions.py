@@ -24,14 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.keys import CoefficientName
-from inercal.calibration import Calibration
-from inercal.calibration.comparison import (
-    fixed_coefficients,
-    match_frame_and_form,
-    recording_sha256,
-)
+from inercal.calibration import Calibration, comparison
 from inercal.estimation.uncertainty.repeated_measurements import RandomEffect
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
@@ -168,11 +163,9 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
     last = sessions[-1].calibration
     matched: list[Calibration] = []
     for one in sessions:
-        try:
-            matched.append(match_frame_and_form(one.calibration, last))
-        except InputError as error:
-            raise error.located(f"{one.label} compared with {sessions[-1].label}") from None
-    fixed = frozenset[str]().union(*map(fixed_coefficients, matched))
+        with error_location(f"{one.label} compared with {sessions[-1].label}"):
+            matched.append(comparison.match_frame_and_form(one.calibration, last))
+    fixed = frozenset[str]().union(*map(comparison.fixed_coefficients, matched))
     names = tuple(
         name
         for name in last.sensor.coefficients
@@ -209,7 +202,7 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
 def _refuse_one_recording(sessions: Sequence[RepeatedSession]) -> None:
     by_recording: dict[str, str] = {}
     for one in sessions:
-        recording = recording_sha256(one.calibration)
+        recording = comparison.recording_sha256(one.calibration)
         if recording and recording in by_recording:
             raise InputError(
                 f"{by_recording[recording]} and {one.label} come from the same recording; give "

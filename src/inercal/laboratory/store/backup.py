@@ -102,11 +102,7 @@ def _copy(source: RegisterAddress, target: RegisterAddress) -> dict[str, int]:
 def _require_empty(db: Connection, address: RegisterAddress) -> None:
     for table in metadata.sorted_tables:
         if db.scalar(select(func.count()).select_from(table)):
-            raise InputError(
-                f"register {address.display_url} is not empty; restore into a new one",
-                file=address.file,
-                key="--register",
-            )
+            raise address.error(" is not empty; restore into a new one")
 
 
 def _copy_tables(old: Connection, new: Connection) -> dict[str, int]:

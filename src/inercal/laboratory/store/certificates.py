@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from sqlalchemy import Connection, func, select
 
+from inercal.basics.documents import attributes
 from inercal.basics.errors import InputError
 from inercal.laboratory.store.insertions import EntryAuthor, insert_row
 from inercal.laboratory.store.register_tables import calibration, certificate, sensor
@@ -187,16 +188,11 @@ def find_certificate(db: Connection, number: str) -> CertificateEntry:
             names=(number,),
         )
     return CertificateEntry(
-        found.number,
-        found.calibration_id,
-        found.issued,
-        found.change,
-        found.previous,
-        CertificateFiles(bytes(found.pdf), bytes(found.dcc)),
-        found.pdf_sha256,
-        found.dcc_sha256,
-        found.entered_by,
-        found.entered_at,
+        calibration=found.calibration_id,
+        files=CertificateFiles(bytes(found.pdf), bytes(found.dcc)),
+        by=found.entered_by,
+        at=found.entered_at,
+        **attributes(found, "number issued change previous pdf_sha256 dcc_sha256"),
     )
 
 

@@ -34,6 +34,7 @@ from sqlalchemy import (
 from sqlalchemy.exc import ArgumentError, DBAPIError, SQLAlchemyError
 
 from inercal.basics.errors import InputError
+from inercal.laboratory.store.register_tables import metadata
 
 ENVIRONMENT_VARIABLE = "INERCAL_REGISTER"
 DEFAULT = "default"
@@ -69,6 +70,10 @@ class RegisterAddress:
     url: URL = field(repr=False)  # may contain a password that SQLAlchemy would show
     file: Path | None
     display_url: str
+
+    def error(self, text: str) -> InputError:
+        """Return an error about this register, whose message continues with `text`."""
+        return InputError(f"register {self.display_url}{text}", file=self.file, key="--register")
 
 
 def resolve_address(text: str | None = None) -> RegisterAddress:
@@ -272,16 +277,11 @@ def translate_errors(address: RegisterAddress) -> Generator[None]:
     try:
         yield
     except SQLAlchemyError as error:
-        raise InputError(
-            f"register {address.display_url}: {_error_text(error)}",
-            file=address.file,
-            key="--register",
-        ) from None
+        raise address.error(f": {_error_text(error)}") from None
     except UnicodeEncodeError:
-        raise InputError(
-            f"register {address.display_url}: a text to be stored is not valid Unicode; "
-            "correct the name or the file that contains it",
-            key="--register",
+        raise address.error(
+            ": a text to be stored is not valid Unicode; correct the name or the file that "
+            "contains it"
         ) from None
 
 
@@ -325,11 +325,8 @@ def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool =
     if revision == head:
         return
     if revision is None and not create:
-        raise InputError(
-            f"register {address.display_url} is an empty database; enter a calibration first "
-            "with `inercal store import PATH…`",
-            file=address.file,
-            key="--register",
+        raise address.error(
+            " is an empty database; enter a calibration first with `inercal store import PATH…`"
         )
     with write_transaction(engine, address) as connection:
         # Another process may have upgraded the register in the meantime.
@@ -338,23 +335,21 @@ def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool =
             return
         known = {each.revision for each in script.walk_revisions()}
         if revision is not None and revision in _BEFORE_RELEASE:
-            raise InputError(
-                f"register {address.display_url} was written before the first release of "
-                "inercal, and this version cannot read it; import the calibration files into a "
-                "new register",
-                file=address.file,
-                key="--register",
+            raise address.error(
+                " was written before the first release of inercal, and this version cannot read "
+                "it; import the calibration files into a new register"
             )
         if revision is not None and revision not in known:
-            raise InputError(
-                f"register {address.display_url} was written by a newer inercal (its tables "
-                f"have revision {revision}, this version knows revisions up to {head}); "
-                "install the newer version",
-                file=address.file,
-                key="--register",
+            raise address.error(
+                f" was written by a newer inercal (its tables have revision {revision}, this "
+                f"version knows revisions up to {head}); install the newer version"
             )
         config.attributes["connection"] = connection
-        command.upgrade(config, "head")
+        if revision is None:
+            metadata.create_all(connection)
+            command.stamp(config, "head")
+        else:
+            command.upgrade(config, "head")
 
 
 def _config() -> Config:
@@ -370,11 +365,9 @@ def _revision(connection: Connection, address: RegisterAddress) -> str | None:
     """Return the revision of the tables; None for an empty database."""
     names = inspect(connection).get_table_names()
     if names and VERSION_TABLE not in names:
-        raise InputError(
-            f"register {address.display_url}: this database belongs to another program, "
-            f"because it has a table {names[0]!r}; create a separate database for the register",
-            file=address.file,
-            key="--register",
+        raise address.error(
+            f": this database belongs to another program, because it has a table {names[0]!r}; "
+            "create a separate database for the register"
         )
     context = MigrationContext.configure(connection, opts={"version_table": VERSION_TABLE})
     return context.get_current_revision()

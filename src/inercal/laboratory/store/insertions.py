@@ -13,7 +13,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Table, insert, select, update
 
-from inercal.basics.documents import to_utc
+from inercal.basics.documents import attributes, to_utc
 from inercal.basics.errors import InputError
 from inercal.calibration import Calibration
 from inercal.calibration.comparison import recording_sha256
@@ -173,14 +173,12 @@ def enter_run(db: Connection, facts: RunFacts, who: EntryAuthor) -> int:
     found = db.execute(select(run).where(run.c.key == facts.key)).one_or_none()
     if found is None:
         values = {
-            "key": facts.key,
+            **attributes(facts, "key state folder"),
             "sensor_id": sensor_id,
             "bench_id": bench_id,
             "begun": to_utc(facts.begun),
-            "state": facts.state,
             "table_address": facts.table,
             "imu_address": facts.imu,
-            "folder": facts.folder,
         }
         run_id = insert_row(db, run, values, who)
     elif found.state == _DONE_STATE != facts.state:

@@ -15,42 +15,14 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from inercal.basics.documents import to_utc
+from inercal.basics.documents import stated_time
 from inercal.basics.errors import InputError
 from inercal.laboratory.store.insertions import EntryAuthor, enter_axes, insert_row
-from inercal.laboratory.store.register_tables import entry_columns, metadata, sensor
+from inercal.laboratory.store.queries import find_sensor
+from inercal.laboratory.store.register_tables import noise_analysis, noise_coefficient, sensor
 from inercal.noise import NoiseAnalysis, NoiseCoefficient
 from inercal.noise.texts import analysis_object
 from inercal.physics.quantities import QUANTITIES
-
-noise_analysis = sa.Table(
-    "noise_analysis",
-    metadata,
-    sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False, index=True),
-    sa.Column("measured", sa.String, nullable=False),
-    sa.Column("measured_from", sa.String, nullable=False),  # "stated" or "entered"
-    sa.Column("source", sa.String, nullable=False),  # name of the recording file
-    sa.Column("recording_sha256", sa.String, nullable=False),
-    sa.Column("duration", sa.Double, nullable=False),  # s
-    sa.Column("content", sa.Text, nullable=False),  # the whole analysis as JSON
-    sa.Column("sha256", sa.String, nullable=False),  # SHA-256 of the content
-    *entry_columns(),
-)
-noise_coefficient = sa.Table(
-    "noise_coefficient",
-    metadata,
-    sa.Column("analysis_id", sa.Integer, sa.ForeignKey("noise_analysis.id"), primary_key=True),
-    sa.Column("channel", sa.String, primary_key=True),
-    sa.Column("symbol", sa.String, primary_key=True),
-    sa.Column("place", sa.Integer, nullable=False),  # index in the analysis, from 0
-    sa.Column("value", sa.Double, nullable=False),  # SI; 0 if only an upper limit is known
-    sa.Column("u", sa.Double),  # SI; null if only an upper limit is known
-    sa.Column("low", sa.Double, nullable=False),
-    sa.Column("high", sa.Double, nullable=False),
-    sa.Column("unit", sa.String, nullable=False),  # unit for printing
-)
-
 
 _MEASURES = {one.sensor: one.symbol for one in QUANTITIES.values()}
 
@@ -147,13 +119,7 @@ def enter_noise(
         )
     time, origin = who.at, "entered"
     if measured is not None:
-        try:
-            time, origin = to_utc(measured), "stated"
-        except ValueError:
-            raise InputError(
-                f"{measured!r} is not a time; write it in ISO 8601, such as 2026-03-01",
-                key="--measured",
-            ) from None
+        time, origin = stated_time(measured), "stated"
     found = db.scalar(sa.select(sensor.c.id).where(sensor.c.name == name))
     axes = {one.channel: _MEASURES[one.quantity] for one in analysis.channels}
     # The axes of a known sensor are not changed, because channels of a log may have other names.
@@ -191,14 +157,16 @@ def _coefficient_fields(one: NoiseCoefficient) -> dict[str, Any]:
     return {name: getattr(one, name) for name in ("symbol", "value", "u", "low", "high", "unit")}
 
 
-def read_noise(db: sa.Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
-    """Return the noise analyses of a sensor in the order of measurement.
+def read_noise(db: sa.Connection, key: int | str) -> tuple[NoiseEntry, ...]:
+    """Return the noise analyses of the sensor with this id or name, in the order of measurement.
 
     Raises
     ------
     InputError
-        If the text in the register differs from the text that was entered.
+        If there is no such sensor, or the text in the register differs from the text that was
+        entered.
     """
+    sensor_id = find_sensor(db, key).id
     query = (
         sa.select(noise_analysis, sensor.c.name.label("sensor"))
         .join(sensor, sensor.c.id == noise_analysis.c.sensor_id)

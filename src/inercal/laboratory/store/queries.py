@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Row, Select, func, select
+from sqlalchemy import ColumnElement, Connection, Row, Select, Table, func, select
 
 from inercal.basics.errors import InputError
 from inercal.laboratory.store.entries import CalibrationEntry, FileEntry, RunEntry, SensorEntry
@@ -98,10 +98,16 @@ def find_sensor(db: Connection, key: int | str) -> SensorEntry:
     )
 
 
+def _of_sensor(db: Connection, table: Table, key: int | str | None) -> list[ColumnElement[bool]]:
+    """Return the condition that rows belong to the sensor with this id or name, if there is one."""
+    return [] if key is None else [table.c.sensor_id == find_sensor(db, key).id]
+
+
 def runs(
-    db: Connection, *where: ColumnElement[bool], newest: int | None = None
+    db: Connection, *, sensor_key: int | str | None = None, newest: int | None = None
 ) -> tuple[RunEntry, ...]:
-    """Return all runs, or only the newest, by start time; `where` selects some of the runs."""
+    """Return the runs of all sensors or of one, or only the newest, by start time."""
+    where = _of_sensor(db, run, sensor_key)
     query = (
         select(run, sensor.c.name.label("sensor"), bench.c.kind, bench.c.name.label("bench"))
         .join(sensor, sensor.c.id == run.c.sensor_id)
@@ -130,9 +136,12 @@ def runs(
 
 
 def calibrations(
-    db: Connection, *where: ColumnElement[bool], newest: int | None = None
+    db: Connection,
+    *where: ColumnElement[bool],
+    sensor_key: int | str | None = None,
+    newest: int | None = None,
 ) -> tuple[CalibrationEntry, ...]:
-    """Return all calibrations, or only the newest, in the order of measurement."""
+    """Return all calibrations, those of a sensor or the newest, in the order of measurement."""
     query = (
         select(
             calibration,
@@ -142,7 +151,7 @@ def calibrations(
         )
         .join(sensor, sensor.c.id == calibration.c.sensor_id)
         .outerjoin(bench, bench.c.id == calibration.c.bench_id)
-        .where(*where)
+        .where(*where, *_of_sensor(db, calibration, sensor_key))
     )
     if newest is not None:
         query = query.order_by(calibration.c.measured.desc(), calibration.c.id.desc()).limit(newest)

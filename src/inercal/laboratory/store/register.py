@@ -4,29 +4,26 @@ import os
 from collections.abc import Callable, Collection, Generator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from typing import Concatenate, ParamSpec, TypeVar
 
-from sqlalchemy import Connection, Engine, select
+from sqlalchemy import Connection, select
 
 from inercal.basics.closeable import Closeable
-from inercal.basics.documents import to_utc
-from inercal.basics.errors import InputError
+from inercal.basics.documents import stated_time
 from inercal.basics.system_user import user_name
 from inercal.calibration import Calibration
 from inercal.laboratory.store import certificates, connection, insertions, queries
-from inercal.laboratory.store.connection import (
-    RegisterAddress,
-    require_place_of_register,
-    resolve_address,
-)
+from inercal.laboratory.store.connection import require_place_of_register, resolve_address
 from inercal.laboratory.store.entries import CalibrationEntry, RunEntry, RunFacts, SensorEntry
 from inercal.laboratory.store.history import SensorHistory, build_history
 from inercal.laboratory.store.insertions import make_document, utc_now
 from inercal.laboratory.store.noise_history import NoiseEntry, enter_noise, read_noise
-from inercal.laboratory.store.register_tables import calibration, run
+from inercal.laboratory.store.register_tables import calibration
 from inercal.noise import NoiseAnalysis
 from inercal.physics.sensors import Sensor
 
-Transaction = Callable[[Engine, RegisterAddress], AbstractContextManager[Connection]]
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
 
 
 class Register(Closeable):
@@ -76,17 +73,25 @@ class Register(Closeable):
             connection.upgrade_register(self._engine, self._address, create=create)
 
     @contextmanager
-    def _transaction(self, begin: Transaction) -> Generator[Connection]:
+    def _transaction(
+        self, begin: Callable[..., AbstractContextManager[Connection]]
+    ) -> Generator[Connection]:
         if not self.exists:
             connection.upgrade_register(self._engine, self._address)
             self.exists = True
         with begin(self._engine, self._address) as db:
             yield db
 
+    def _read(
+        self, query: Callable[Concatenate[Connection, _P], _T], *args: _P.args, **more: _P.kwargs
+    ) -> _T:
+        """Return the result of a query in a transaction of its own."""
+        with self._transaction(connection.read_transaction) as db:
+            return query(db, *args, **more)
+
     def sensors(self) -> tuple[SensorEntry, ...]:
         """Return all sensors, sorted by name."""
-        with self._transaction(connection.read_transaction) as db:
-            return queries.sensors(db)
+        return self._read(queries.sensors)
 
     def sensor(self, key: int | str) -> SensorEntry:
         """Return the sensor with this id or name.
@@ -96,18 +101,13 @@ class Register(Closeable):
         InputError
             If there is none.
         """
-        with self._transaction(connection.read_transaction) as db:
-            return queries.find_sensor(db, key)
+        return self._read(queries.find_sensor, key)
 
     def runs(
         self, sensor: int | str | None = None, newest: int | None = None
     ) -> tuple[RunEntry, ...]:
         """Return the runs of all sensors or of one, by start time; or only the `newest` runs."""
-        with self._transaction(connection.read_transaction) as db:
-            if sensor is None:
-                return queries.runs(db, newest=newest)
-            one = queries.find_sensor(db, sensor)
-            return queries.runs(db, run.c.sensor_id == one.id, newest=newest)
+        return self._read(queries.runs, sensor_key=sensor, newest=newest)
 
     def calibrations(
         self, sensor: int | str | None = None, newest: int | None = None
@@ -121,24 +121,17 @@ class Register(Closeable):
         newest : int, optional
             Number of calibrations to return, counted from the last measurement; None returns all.
         """
-        with self._transaction(connection.read_transaction) as db:
-            if sensor is None:
-                return queries.calibrations(db, newest=newest)
-            one = queries.find_sensor(db, sensor)
-            return queries.calibrations(db, calibration.c.sensor_id == one.id, newest=newest)
+        return self._read(queries.calibrations, sensor_key=sensor, newest=newest)
 
     def entered_sha256(self, wanted: Collection[str]) -> set[str]:
         """Return which of these SHA-256 hashes of calibration files are in the register."""
-        with self._transaction(connection.read_transaction) as db:
-            query = select(calibration.c.sha256).where(calibration.c.sha256.in_(wanted))
-            return set(db.scalars(query))
+        query = select(calibration.c.sha256).where(calibration.c.sha256.in_(wanted))
+        return self._read(lambda db: set(db.scalars(query)))
 
     def calibration_numbers(self, run_id: int | None = None) -> tuple[int, ...]:
         """Return the numbers of all calibrations, or of one run's, in the order of measurement."""
-        with self._transaction(connection.read_transaction) as db:
-            if run_id is None:
-                return queries.calibration_numbers(db)
-            return queries.calibration_numbers(db, calibration.c.run_id == run_id)
+        where = [] if run_id is None else [calibration.c.run_id == run_id]
+        return self._read(queries.calibration_numbers, *where)
 
     def calibration(self, number: int) -> CalibrationEntry:
         """Return the calibration with this number.
@@ -148,13 +141,11 @@ class Register(Closeable):
         InputError
             If no calibration has this number.
         """
-        with self._transaction(connection.read_transaction) as db:
-            return queries.find_calibration(db, number)
+        return self._read(queries.find_calibration, number)
 
     def coefficients(self, number: int) -> Sequence[tuple[str, float, float, str]]:
         """Return the name, value, standard uncertainty (k = 1) and SI unit of each coefficient."""
-        with self._transaction(connection.read_transaction) as db:
-            return queries.coefficients(db, number)
+        return self._read(queries.coefficients, number)
 
     def history(self, sensor: int | str) -> SensorHistory:
         """Return all calibrations of a sensor, coefficient by coefficient.
@@ -169,8 +160,7 @@ class Register(Closeable):
 
     def noise_history(self, sensor: int | str) -> tuple[NoiseEntry, ...]:
         """Return the noise analyses of a sensor in the order of measurement."""
-        with self._transaction(connection.read_transaction) as db:
-            return read_noise(db, queries.find_sensor(db, sensor).id)
+        return self._read(read_noise, sensor)
 
     def enter_noise(self, analysis: NoiseAnalysis, sensor: str, measured: str | None = None) -> int:
         """Enter a noise analysis of the named sensor, and return the number of the analysis.
@@ -248,14 +238,7 @@ class Register(Closeable):
             another date that was stated earlier or comes from its run.
         """
         if measured is not None:
-            try:
-                to_utc(measured)
-            except ValueError:
-                raise InputError(
-                    f"{measured!r} is not a time; write it in ISO 8601, such as 2026-03-01 or "
-                    "2026-03-01T14:30:00+01:00",
-                    key="--measured",
-                ) from None
+            stated_time(measured, example=" or 2026-03-01T14:30:00+01:00")
         result = [make_document(source) for source in sources]
         kinds = [_bench_kind(one.calibration) for one in result]
         with self._transaction(connection.write_transaction) as db:
@@ -304,18 +287,15 @@ class Register(Closeable):
         InputError
             If there is none.
         """
-        with self._transaction(connection.read_transaction) as db:
-            return certificates.find_certificate(db, number)
+        return self._read(certificates.find_certificate, number)
 
     def certificates(self) -> tuple[certificates.CertificateSummary, ...]:
         """Return all certificates without their files, in the order of issue."""
-        with self._transaction(connection.read_transaction) as db:
-            return certificates.list_certificates(db)
+        return self._read(certificates.list_certificates)
 
     def successors(self, number: str) -> tuple[tuple[str, str], ...]:
         """Return the number and kind of change of each certificate that changes this one."""
-        with self._transaction(connection.read_transaction) as db:
-            return certificates.successors(db, number)
+        return self._read(certificates.successors, number)
 
     def _author(self) -> insertions.EntryAuthor:
         return insertions.EntryAuthor(self._by, utc_now())

@@ -1,9 +1,13 @@
 """Define the tables of a register; a change needs a revision in `migrations/versions`.
 
+A new register gets these tables at once, and only an older register is revised. Triggers ensure
+that an issued certificate cannot be changed or deleted.
+
 Times are stored as text in ISO 8601, UTC, to the millisecond, so they sort chronologically.
 """
 
 import sqlalchemy as sa
+from sqlalchemy import event
 
 metadata = sa.MetaData(
     naming_convention={
@@ -20,7 +24,7 @@ def _text_columns(*names: str) -> list[sa.Column[str]]:
     return [sa.Column(name, sa.String, nullable=False) for name in names]
 
 
-def entry_columns() -> list[sa.Column[str]]:
+def _entry_columns() -> list[sa.Column[str]]:
     """Return the columns for the author and time of an entry."""
     return _text_columns("entered_by", "entered_at")
 
@@ -31,7 +35,7 @@ sensor = sa.Table(
     sa.Column("id", sa.Integer, primary_key=True),
     sa.Column("name", sa.String, nullable=False, unique=True),
     sa.Column("axes", sa.Text, nullable=False),  # JSON list of {name, measures}
-    *entry_columns(),
+    *_entry_columns(),
 )
 bench = sa.Table(
     "bench",
@@ -39,7 +43,7 @@ bench = sa.Table(
     sa.Column("id", sa.Integer, primary_key=True),
     sa.Column("kind", sa.String, nullable=False),
     sa.Column("name", sa.String, nullable=False),  # empty if the run file states no name
-    *entry_columns(),
+    *_entry_columns(),
     sa.UniqueConstraint("kind", "name"),
 )
 run = sa.Table(
@@ -50,7 +54,7 @@ run = sa.Table(
     sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False, index=True),
     sa.Column("bench_id", sa.Integer, sa.ForeignKey("bench.id"), nullable=False),
     *_text_columns("begun", "state", "table_address", "imu_address", "folder"),
-    *entry_columns(),
+    *_entry_columns(),
 )
 file = sa.Table(
     "file",
@@ -59,7 +63,7 @@ file = sa.Table(
     sa.Column("name", sa.String, primary_key=True),
     sa.Column("size", sa.BigInteger, nullable=False),
     sa.Column("sha256", sa.String, nullable=False, index=True),
-    *entry_columns(),
+    *_entry_columns(),
 )
 calibration = sa.Table(
     "calibration",
@@ -76,7 +80,7 @@ calibration = sa.Table(
     sa.Column("recording_sha256", sa.String, nullable=False, index=True),  # empty if not stated
     sa.Column("content", sa.Text, nullable=False),  # the whole file as JSON
     sa.Column("sha256", sa.String, nullable=False, unique=True),
-    *entry_columns(),
+    *_entry_columns(),
 )
 coefficient = sa.Table(
     "coefficient",
@@ -88,7 +92,7 @@ coefficient = sa.Table(
     sa.Column("std", sa.Double, nullable=False),
     sa.Column("unit", sa.String, nullable=False),  # SI
 )
-certificate = sa.Table(  # database triggers prevent changes and deletion of rows
+certificate = sa.Table(
     "certificate",
     metadata,
     sa.Column("id", sa.Integer, primary_key=True),
@@ -105,6 +109,60 @@ certificate = sa.Table(  # database triggers prevent changes and deletion of row
     *_text_columns("pdf_sha256", "dcc_sha256"),
     sa.Column("pdf", sa.LargeBinary, nullable=False),
     sa.Column("dcc", sa.LargeBinary, nullable=False),  # XML
-    *entry_columns(),
+    *_entry_columns(),
     sa.UniqueConstraint("series", "year", "sequence"),
 )
+noise_analysis = sa.Table(
+    "noise_analysis",
+    metadata,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False, index=True),
+    sa.Column("measured", sa.String, nullable=False),
+    sa.Column("measured_from", sa.String, nullable=False),  # "stated" or "entered"
+    sa.Column("source", sa.String, nullable=False),  # name of the recording file
+    sa.Column("recording_sha256", sa.String, nullable=False),
+    sa.Column("duration", sa.Double, nullable=False),  # s
+    sa.Column("content", sa.Text, nullable=False),  # the whole analysis as JSON
+    sa.Column("sha256", sa.String, nullable=False),  # SHA-256 of the content
+    *_entry_columns(),
+)
+noise_coefficient = sa.Table(
+    "noise_coefficient",
+    metadata,
+    sa.Column("analysis_id", sa.Integer, sa.ForeignKey("noise_analysis.id"), primary_key=True),
+    sa.Column("channel", sa.String, primary_key=True),
+    sa.Column("symbol", sa.String, primary_key=True),
+    sa.Column("place", sa.Integer, nullable=False),  # index in the analysis, from 0
+    sa.Column("value", sa.Double, nullable=False),  # SI; 0 if only an upper limit is known
+    sa.Column("u", sa.Double),  # SI; null if only an upper limit is known
+    sa.Column("low", sa.Double, nullable=False),
+    sa.Column("high", sa.Double, nullable=False),
+    sa.Column("unit", sa.String, nullable=False),  # unit for printing
+)
+
+
+_REASON = "certificates are immutable"
+_TRIGGERS = {
+    "postgresql": (
+        "CREATE FUNCTION inercal_keep_certificate() RETURNS trigger LANGUAGE plpgsql AS "
+        f"$$ BEGIN RAISE EXCEPTION '{_REASON}'; END $$",
+        "CREATE TRIGGER keep_certificate BEFORE UPDATE OR DELETE OR TRUNCATE ON certificate "
+        "FOR EACH STATEMENT EXECUTE FUNCTION inercal_keep_certificate()",
+    ),
+    "sqlite": (
+        *(
+            f"CREATE TRIGGER keep_certificate_{change.lower()} BEFORE {change} ON certificate "
+            f"BEGIN SELECT RAISE(ABORT, '{_REASON}'); END"
+            for change in ("UPDATE", "DELETE")
+        ),
+        # INSERT OR REPLACE deletes conflicting rows without the DELETE trigger.
+        "CREATE TRIGGER keep_certificate_replace BEFORE INSERT ON certificate WHEN EXISTS "
+        "(SELECT 1 FROM certificate WHERE id = NEW.id OR number = NEW.number OR (series, year, "
+        "sequence) = (NEW.series, NEW.year, NEW.sequence)) "
+        f"BEGIN SELECT RAISE(ABORT, '{_REASON}'); END",
+    ),
+}
+for _dialect, _statements in _TRIGGERS.items():
+    for _statement in _statements:
+        trigger = sa.DDL(_statement).execute_if(dialect=_dialect)
+        event.listen(certificate, "after_create", trigger)

@@ -38,11 +38,10 @@ def calibrations_of_bench(
     found = [one for one in entries if word == (one.bench or one.kind)]
     kinds = sorted({one.kind for one in found})
     if not found:
-        known = sorted({one.bench or one.kind for one in entries} - {""})
-        listed = ", ".join(map(repr, known[:_MOST_NAMED])) + ", …" * (len(known) > _MOST_NAMED)
+        listed = _listed({one.bench or one.kind for one in entries})
         raise InputError(
             f"--bench {word!r}: the register has no calibration on this bench; "
-            + (f"it has {listed}" if known else "it has none that names a bench"),
+            + (f"it has {listed}" if listed else "it has none that names a bench"),
             key="--bench",
             names=(word,),
         )
@@ -54,6 +53,12 @@ def calibrations_of_bench(
             names=(word,),
         )
     return tuple(latest_per_recording(found)[0])
+
+
+def _listed(names: set[str]) -> str:
+    """Return the names in quotation marks, or the first of many; the empty name is omitted."""
+    known = sorted(names - {""})
+    return ", ".join(map(repr, known[:_MOST_NAMED])) + ", …" * (len(known) > _MOST_NAMED)
 
 
 def calibrations_of_type(
@@ -83,12 +88,11 @@ def calibrations_of_type(
         if found == type_name and _has_all(one.calibration, coefficients):
             newest[one.sensor] = one
     if not newest:
-        known = sorted(types - {""})
-        listed = ", ".join(map(repr, known[:_MOST_NAMED])) + ", …" * (len(known) > _MOST_NAMED)
+        listed = _listed(types)
         lacking = f" with {', '.join(coefficients)}" if type_name in types else ""
         raise InputError(
             f"--type {type_name!r}: the register has no calibration{lacking} of this maker and "
-            "model in [job]; " + (f"it has {listed}" if known else "no calibration states them"),
+            "model in [job]; " + (f"it has {listed}" if listed else "no calibration states them"),
             key="--type",
             names=(type_name,),
         )

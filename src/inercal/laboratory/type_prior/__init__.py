@@ -27,12 +27,7 @@ from inercal.calibration.type_prior import (
     TypePrior,
     TypeReadout,
 )
-from inercal.estimation.uncertainty.new_member import (
-    NewMember,
-    left_out_p_values,
-    predict_new_member,
-    scatter_correlation,
-)
+from inercal.estimation.uncertainty import new_member
 from inercal.physics.sensors import SI_UNITS, Axis
 from inercal.physics.sensors.coefficient_selection import select_coefficients
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
@@ -285,7 +280,7 @@ def type_prior(
     values = np.array([[m.calibration.values[m.places[name]] for name in names] for m in members])
     covariance = joint_covariance(members, names)
     n, p = values.shape
-    found = [predict_new_member(values[:, k], covariance[:, k, :, k]) for k in range(p)]
+    found = [new_member.predict_new_member(values[:, k], covariance[:, k, :, k]) for k in range(p)]
     shared, own = _shared_and_own(covariance)
     measured = np.einsum("nkk->k", own) / n
     correlation, other_axis = _correlations(values, shared, own, found)
@@ -342,11 +337,11 @@ def _shared_and_own(covariance: Array) -> tuple[Array, Array]:
 
 
 def _correlations(
-    values: Array, shared: Array, own: Array, found: Sequence[NewMember]
+    values: Array, shared: Array, own: Array, found: Sequence[new_member.NewMember]
 ) -> tuple[Array, Array]:
     """Return the correlations of a new sensor, with the same axis and with another, (p, p)."""
     scatter = np.array([one.between_sensors for one in found])
-    of_scatter, of_mean = scatter_correlation(values, own, scatter)
+    of_scatter, of_mean = new_member.scatter_correlation(values, own, scatter)
     of_mean = of_mean + shared
     size = np.sqrt(np.diag(of_mean))
     share = np.sqrt([one.mean_share for one in found])
@@ -370,7 +365,7 @@ def _outlying_sensors(
     each = FALSE_ALARMS / (n * p)
     outlying: list[OutlyingSensor] = []
     for k, name in enumerate(names):
-        chance = left_out_p_values(values[:, k], covariance[:, k, :, k])
+        chance = new_member.left_out_p_values(values[:, k], covariance[:, k, :, k])
         outlying += [
             OutlyingSensor(sensor=members[int(m)].label, coefficient=name, p=float(chance[m]))
             for m in np.flatnonzero(chance < each)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
 from inercal.physics.plan import Step
 from inercal.physics.quantities import QUANTITIES
@@ -47,7 +47,7 @@ def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment
             file=run.path,
             key="[method]",
         )
-    try:
+    with error_location(run.path):
         refuse_temperature_terms_in_plan(run.sensor)
         steps = tuple(run.kind.fitted(run.steps))
         bench = require_budget_plan(run.bench, steps)
@@ -65,8 +65,6 @@ def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment
             run.priors,
             believed | dict(run.truth),
         )
-    except InputError as error:
-        raise error.located(run.path) from None
 
 
 def _noise_covariance(run: Run, steps: Sequence[Step]) -> Array:

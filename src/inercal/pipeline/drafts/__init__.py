@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_count
 from inercal.physics.section_settings import measured_constant
 from inercal.pipeline.drafts.clock_keys import clock_keys, suggest_rate
@@ -301,7 +301,7 @@ def _draft(
     if "arm_rate" in roles.single:
         unit, reason = arm_rate_unit(table, roles, readings["accelerometer"], radius)
         roles = roles.because({"arm_rate_unit": reason}, units={**roles.units, "arm_rate": unit})
-    try:
+    with error_location(logs[0]):
         if at_rates:
             readouts = {"gyro": gyro_readout(table, roles)}
             if "accelerometer" in readings:
@@ -311,8 +311,6 @@ def _draft(
                 )
         else:
             readouts, radius = guess_readouts(table, readings, roles, rests, turns, time, radius)
-    except InputError as error:
-        raise error.located(logs[0]) from None
     guessed = roles.means and "accelerometer" in readings
     ramp = candidates[0][1] == RAMP
     noise = noise_keys(readings, readouts, rests, time) if bench == "turntable" or ramp else {}

@@ -13,7 +13,7 @@ from typing import Any, Literal, Union, cast, get_args, get_origin
 
 from pydantic import BaseModel
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.small_files import parse_toml
 from inercal.basics.units import si_factor
 from inercal.benches.kind_definition import KINDS, Kind
@@ -145,10 +145,8 @@ def _columns(role: str, values: Mapping[str, Any], table: Table) -> tuple[str, .
     value = values[key]
     given = cast(list[object], value) if isinstance(value, list) else [value]
     names = tuple(_column_name(one, table) for one in given)
-    try:
+    with error_location(key, key=key):
         select_columns(table.names, names, table.source)
-    except InputError as error:
-        raise error.located(key, key=key) from None
     if role in _TRIADS and len(set(names)) != len(names):
         raise InputError(f"{key}: {', '.join(names)}: name each column once", key=key)
     return names

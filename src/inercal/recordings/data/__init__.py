@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Self, TypeV
 
 from pydantic import Field, model_validator
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import parse_quantity, si_factor
 from inercal.physics.plan import Step
 from inercal.physics.quantities import SensorKind
@@ -186,10 +186,8 @@ def unit_size(unit: str, like: str, key: str) -> float:
         The unit belongs to another quantity, or its size is not positive.
     """
     key = f"[data] {key}"
-    try:
+    with error_location(key, key=key):
         size = parse_quantity(unit, like).value if unit[:1].isdigit() else si_factor(unit, like)
-    except InputError as error:
-        raise error.located(key, key=key) from None
     if size <= 0:
         raise InputError(f"{key}: {unit!r} is not possible; give a positive unit", key=key)
     return size
@@ -291,10 +289,8 @@ class RunBase(Generic[D]):
 
     @cached_property
     def _steps(self) -> tuple[Step, ...]:
-        try:
+        with error_location(f"{self.path}: [method]", file=self.path, key="[method]"):
             return self.plan()
-        except InputError as error:
-            raise error.located(f"{self.path}: [method]", file=self.path, key="[method]") from None
 
     def file(self, name: str) -> Path:
         """Return the path of a file named in the run file.

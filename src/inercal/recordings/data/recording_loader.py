@@ -7,7 +7,7 @@ from math import inf
 from pathlib import Path
 from typing import cast
 
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.small_files import is_file
 from inercal.basics.units import parse_quantity, si_factor
 from inercal.physics.quantities import QUANTITIES
@@ -242,10 +242,8 @@ def readbacks(run: RunBase[DataSection]) -> tuple[ReadbackColumn, ...]:
     InputError
         A unit does not belong to the quantity.
     """
-    try:
+    with error_location(run.path):
         return run.data.readback(run.bench)
-    except InputError as error:
-        raise error.located(run.path) from None
 
 
 def readback_fields(run: RunBase[DataSection]) -> tuple[tuple[str, str, str], ...]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import si_factor, to_si
 from inercal.recordings import Recording
 from inercal.recordings.io.audit import NonfinitePolicy
@@ -242,10 +242,8 @@ def sample_times(table: Table, columns: Columns, n: int) -> SampleTimes:
     if columns.modulus is None and columns.time_keys[1] is not None:
         require_no_wrap(table, name)
     if columns.rate_hz is not None and columns.modulus is not None:
-        try:
+        with error_location(table.source, file=table.source):
             return SampleTimes(times_from_counter(counter, columns.modulus, columns.rate_hz))
-        except InputError as error:
-            raise error.located(table.source, file=table.source) from None
     if columns.rate_hz is not None:
         rate = Fraction(columns.rate_hz)
         origin = None if columns.origin is None else columns.origin * rate

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import Measured, format_count, format_duration, format_quantity
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.host_readback import (
@@ -178,10 +178,8 @@ def _read_table_file(run: RunBase[TurntableData], origin: Fraction | None) -> Re
         nonfinite=data.nonfinite,
         options=file_reader_options(run, data.table_file),
     )
-    try:
+    with error_location(f"{run.path}: {_KEY}", key=_KEY):
         return read_readback(run.file(data.table_file), columns)
-    except InputError as error:
-        raise error.located(f"{run.path}: {_KEY}", key=_KEY) from None
 
 
 def _unwrap_angles(
