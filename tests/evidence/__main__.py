@@ -33,6 +33,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--devices", type=int, default=DEVICES)
     parser.add_argument("--base", type=int, default=BASE_DEVICES, help="devices of each base seed")
     parser.add_argument("--base-only", action="store_true", help="no violations")
+    parser.add_argument("--missing", action="store_true", help="only cells that are not stored")
     parser.add_argument("--processes", type=int, default=cpu_count())
     chosen = parser.parse_args(arguments)
     if chosen.base_only and (chosen.cells or chosen.at or not chosen.base):
