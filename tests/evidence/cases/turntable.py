@@ -127,10 +127,13 @@ def path_text(path: Path) -> str:
 
 def _typed_path(v: Values, path: Path) -> Path:
     """Return the path as somebody typed it: the middle angle of the second hold may be wrong."""
-    holds = [k for k, step in enumerate(path) if len(step) == 3]
-    label, (outer, middle, inner), seconds = path[holds[1]]
-    typed = (label, (outer, middle + v.get("typed", 0.0), inner), seconds)
-    return [*path[: holds[1]], typed, *path[holds[1] + 1 :]]
+    typed: Path = []
+    for step in path:
+        if len(step) == 3 and sum(len(one) == 3 for one in typed) == 1:
+            label, (outer, middle, inner), seconds = step
+            step = (label, (outer, middle + v.get("typed", 0.0), inner), seconds)
+        typed.append(step)
+    return typed
 
 
 def readback(v: Values, angles: Array) -> Array:
