@@ -16,7 +16,9 @@ def require_short(verdict: Verdict) -> None:
         assert "\n" not in line
         assert len(line) <= MOST_CHARACTERS or PASTED.match(line), line
         assert not re.search(r"\d[.\d]*e\+?\d", line), line
-    assert verdict.lines[0].lower().startswith(verdict.word)
+    grade, _, reason = verdict.lines[0].partition(": ")
+    assert grade.lower().startswith(verdict.word)
+    assert reason, verdict.reasons
     headings = [one.heading for one in verdict.explanation]
     assert len(set(headings)) == len(headings)
     assert all(one.lines for one in verdict.explanation)

@@ -143,6 +143,14 @@ def test_a_further_test_counts(statistic: float, expected: str) -> None:
     assert graded(found).grade == expected
 
 
+@pytest.mark.parametrize(("factor", "expected"), [(1.9, "reservations"), (2.1, "unreliable")])
+def test_means_of_steps_that_scatter_twice_as_much_are_not_relied_on(
+    factor: float, expected: str
+) -> None:
+    test = ModelTest("mean residuals of the gyros in each step", 57 * factor**2, 57)
+    assert graded(replace(estimate(), tests=(test,))).grade == expected
+
+
 def test_a_group_with_excess_counts_by_what_it_was_before() -> None:
     group = ResidualGroup(
         "norms",

@@ -2,7 +2,8 @@
 
 `python -m tests.evidence` works out all cells and the base cases, method by method, and writes each
 in the place of what is stored. `--methods` chooses some methods, and `--base-only` the base cases:
-cells that are not worked out stay as they are stored. With `--cells`, `--at`, or fewer devices, the
+cells that are not worked out stay as they are stored. `--missing` works out the cells that are not
+stored yet, and writes them beside the others. With `--cells`, `--at`, or fewer devices, the
 tables are printed and not written.
 """
 
@@ -33,6 +34,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--devices", type=int, default=DEVICES)
     parser.add_argument("--base", type=int, default=BASE_DEVICES, help="devices of each base seed")
     parser.add_argument("--base-only", action="store_true", help="no violations")
+    parser.add_argument("--missing", action="store_true", help="only cells that are not stored")
     parser.add_argument("--processes", type=int, default=cpu_count())
     chosen = parser.parse_args(arguments)
     if chosen.base_only and (chosen.cells or chosen.at or not chosen.base):
@@ -50,6 +52,9 @@ def main(arguments: list[str]) -> None:
         )
         if chosen.cells in cell.violation and chosen.at in cell.at
     ]
+    if chosen.missing:
+        stored = {(c.case, c.violation, c.at) for c, _ in stored_counts.read_counts()}
+        cells = [c for c in cells if (c.case, c.violation, c.at) not in stored]
     whole = not (chosen.cells or chosen.at) and (chosen.devices, chosen.base) == (
         DEVICES,
         BASE_DEVICES,
@@ -57,8 +62,9 @@ def main(arguments: list[str]) -> None:
     counted: dict[Cell, Count] = {}
     for name in chosen.methods:
         of_method = count_cells([cell for cell in cells if cell.case == name], chosen.processes)
-        if whole:
-            stored_counts.write_counts(of_method)
+        if whole and of_method:
+            write = stored_counts.add_counts if chosen.missing else stored_counts.write_counts
+            write(of_method)
         print(violation_table.table_text(of_method), flush=True)
         counted |= of_method
     if not (chosen.cells or chosen.at):

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 from tests.evidence.visibility_model import G0, Unknown, Values, Violation
 
 Array = NDArray[np.float64]
@@ -319,6 +320,58 @@ def shift_decimal(row: int) -> Violation:
 def keep_readings(y: Array) -> Array:
     """Return the readings as they are: what is wrong is in how they were made."""
     return y
+
+
+def made_otherwise(words: str, **change: float) -> Violation:
+    """Return a violation of fixed size: how the device or its files are made, by these values."""
+    return Violation(words, change=change, gross=keep_readings)
+
+
+def low_pass_filter(hz: float, cutoff_hz: float, parts: int = 1) -> Violation:
+    """Return readings (n, m), sampled at hz, after a filter of first order in the sensor.
+
+    The filter has settled at the begin of each of the parts, which are equally long.
+    """
+    kept = np.exp(-2 * np.pi * cutoff_hz / hz)
+
+    def change(y: Array) -> Array:
+        made = [
+            lfilter([1 - kept], [1.0, -kept], part, axis=0, zi=kept * part[:10].mean(0)[None])[0]
+            for part in np.split(y, parts)
+        ]
+        return np.concatenate(made)
+
+    return Violation(f"low-pass filter, {cutoff_hz:g} Hz", gross=change)
+
+
+def rounding(words: str, steps: tuple[float, ...]) -> Violation:
+    """Return readings (n, m) rounded to whole multiples of a step of each channel."""
+
+    def change(y: Array) -> Array:
+        return np.asarray(np.round(y / steps) * steps, dtype=float)
+
+    return Violation(f"rounding to {words}", gross=change)
+
+
+def drifting_clock(v: Values, time: Array) -> Array:
+    """Return times of a clock whose rate changes steadily by "clock" from start to end."""
+    return time + v.get("clock", 0.0) * time * (time / time[-1] - 1) / 2
+
+
+def typed_rates(v: Values, rates: Array) -> Array:
+    """Return rates as somebody typed them: the first of the largest may be wrong by a part."""
+    return rates * (1 + v.get("typed", 0.0) * (np.arange(len(rates)) == np.argmax(rates)))
+
+
+def late_columns(samples: int, columns: slice, words: str) -> Violation:
+    """Return readings (n, m) some of whose columns are some samples late."""
+
+    def change(y: Array) -> Array:
+        y = y.copy()
+        y[samples:, columns] = y[:-samples, columns]
+        return y
+
+    return Violation(words, gross=change)
 
 
 def freeze_channel(axis: int) -> Violation:

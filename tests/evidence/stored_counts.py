@@ -33,6 +33,9 @@ The column "nearest rival" states the angle between the residuals that the viola
 residuals that the nearest other cause leaves. If this angle is below 30°, the verdict names both
 causes together. NEES is the mean of (error)ᵀ covariance⁻¹ (error) over the number of coefficients.
 
+Further causes have pages of their own: [coarse thermometers](temperature.md), [filters and
+correlated noise](filtered-noise.md) and [magnetic distortion](magnetometer.md).
+
 Seeds: 1 for violations; 1, 2 and 3 for base cases, 300 devices each.
 
 {summary}
@@ -89,7 +92,6 @@ def write_counts(counted: Mapping[Cell, Count]) -> None:
 
     Of each method, its base cells are replaced where some are given, and so are its other cells.
     """
-    FOLDER.mkdir(exist_ok=True)
     made = {_part_of_table(cell) for cell in counted}
     run = {"commit": current_commit(), "machine": describe_machine()}
     before = _stored_rows() if DATA.exists() else {"runs": {}, "cells": []}
@@ -103,17 +105,29 @@ def write_counts(counted: Mapping[Cell, Count]) -> None:
     kept = [
         (c, one) for c, one in map(_cell_from_row, before["cells"]) if _part_of_table(c) not in made
     ]
+    _write({name: one for name, one in runs.items() if one}, [*kept, *counted.items()])
+
+
+def add_counts(counted: Mapping[Cell, Count]) -> None:
+    """Write cells beside those that are stored; their run is stored as one of its own."""
+    before = _stored_rows()
+    run = {"commit": current_commit(), "machine": describe_machine()}
+    added = {f"{cell.case}, cells added later": run for cell in counted}
+    _write(before["runs"] | added, [*map(_cell_from_row, before["cells"]), *counted.items()])
+
+
+def _write(runs: Mapping[str, Any], cells: list[tuple[Cell, Count]]) -> None:
     known = {name: k for k, name in enumerate(CASES)}
     whole = sorted(
-        (one for one in (*kept, *counted.items()) if one[0].case in known),
+        (one for one in cells if one[0].case in known),
         key=lambda one: (known[one[0].case], one[0].at != BASE),
     )
     lines = ",\n".join("  " + _row_text(cell, one) for cell, one in whole)
-    head = json.dumps({"runs": {k: v for k, v in runs.items() if v}}, ensure_ascii=False, indent=1)
+    head = json.dumps({"runs": runs}, ensure_ascii=False, indent=1)
     DATA.write_text(f'{head[:-2]},\n "cells": [\n{lines}\n]}}\n', encoding="utf-8")
     table = dict(whole)
     rows = ["| method | commit | machine |", "|---|---|---|"]
-    rows += [f"| {k} | {v['commit']} | {v['machine']} |" for k, v in runs.items() if v]
+    rows += [f"| {k} | {v['commit']} | {v['machine']} |" for k, v in runs.items()]
     page = _PAGE.format(
         summary=violation_table.demand_summary(table),
         base=violation_table.base_table(table),

@@ -127,14 +127,25 @@ def test_rows_far_apart_have_independent_errors():
     assert np.linalg.eigvalsh(between).min() > 0
 
 
-def test_a_row_in_motion_averages_its_errors():
+def test_a_row_that_crosses_many_steps_averages_their_errors():
     steps = ReadingSteps(np.array([1.0]), np.zeros(1), np.zeros(1, dtype=np.bool_), np.zeros(1))
-    errors = steps.errors_of_means(
-        np.array([[0.0], [0.1]]), np.array([100, 100]), np.array([[0.0], [30.0]])
-    )
+    rest, move = np.zeros((100, 1)), np.arange(-50.0, 50.0)[:, None]
+    turn = np.concatenate([move[:10], np.full((80, 1), 7.0), move[:10]])
+    crossed = steps.crossed([rest, move, turn])
+    assert crossed.ravel().tolist() == pytest.approx([1.0, 100.0, 100**2 / (80**2 + 10 * 2**2)])
+    errors = steps.errors_of_means(np.array([[0.0], [0.1], [7.0]]), crossed)
     assert errors is not None
     assert errors.covariance[1, 1, 0] == pytest.approx(1 / 1200, rel=0.01)
     assert errors.covariance[0, 1, 0] == 0
+    assert errors.covariance[2, 2, 0] == pytest.approx(1 / 12, rel=0.01)
+
+
+def test_turns_at_one_rate_have_the_same_error():
+    steps = ReadingSteps(np.array([1.0]), np.zeros(1), np.zeros(1, dtype=np.bool_), np.zeros(1))
+    turn = np.full((50, 1), 7.0)
+    errors = steps.errors_of_means(np.full((2, 1), 7.0), steps.crossed([turn, turn]))
+    assert errors is not None
+    assert errors.covariance[0, 1, 0] == pytest.approx(1 / 12, rel=0.01)
 
 
 @pytest.mark.parametrize("first", [True, False])

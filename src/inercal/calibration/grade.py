@@ -12,8 +12,8 @@ grade is::
     not to be relied on        the fit did not converge, a scale factor is far from nominal, a check
                                refused, or a test rejects the model and either the scatter is more
                                than twice the stated scatter (three times that measured within
-                               rests), or the best of the causes tested shifts a coefficient by
-                               more than its U
+                               rests), also of the mean residuals of steps, or the best of the
+                               causes tested shifts a coefficient by more than its U
 
 The limit is wider for noise that was measured within rests. Such noise does not contain changes
 from one rest to the next, which every sensor shows to some extent, and U includes this scatter.
@@ -64,16 +64,17 @@ GRADE_WORDS: dict[Grade, str] = {
 }
 GRADE_TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "unreliable": "bad"}
 _MAX_SCATTER = 2.0  # times the stated scatter
+_SEVERAL = 10  # degrees of freedom; fewer means do not show a scatter
 _MAX_SCATTER_OF_RESTS = 3.0  # times the scatter measured within rests
 _MAX_SHIFT = 1.0  # U
 _LEAST_CHI2 = 6.6  # no smaller χ² is significant at 1 %, whatever its degrees of freedom
 _SCALE_LIMITS = (0.65, 1.5)  # times nominal; even low-grade sensors are within 25 % of nominal
 _MOST_REASON = 75  # largest number of characters of a reason from a check
 _SHIFTED_BY: dict[CandidateKind, str] = {
-    "coefficient": "an effect that is not estimated",
+    "coefficient": "an omitted effect",
     "bench": "a deviation of the bench",
     "time": "a change during the run",
-    "row": "wrong readings",
+    "row": "a wrong reading",
 }
 
 
@@ -299,6 +300,7 @@ def grade_estimate(
     ):
         times = two_digits(largest_birge_ratio)
         bad.append(f"the residuals are {times} times as large as noise and bench allow")
+    bad += _large_means(assessment)
     if best is not None and best.shift > _MAX_SHIFT:
         shifted = coefficient_words(sensor, best.shifted_coefficient)
         bad.append(f"{_SHIFTED_BY[best.kind]} shifts the {shifted} by {two_digits(best.shift)} U")
@@ -328,6 +330,17 @@ def grade_estimate(
         noise=noise,
         warned=tuple(warned),
     )
+
+
+def _large_means(assessment: Assessment) -> Iterator[str]:
+    """Yield the tests of means that scatter more than twice as much as stated.
+
+    White noise of thousands of samples hides in their common scatter what shifts all their means.
+    """
+    for test in assessment.rejecting_tests:
+        times = (test.statistic / test.dof) ** 0.5
+        if test.dof >= _SEVERAL and test.name.startswith("mean ") and times > _MAX_SCATTER:
+            yield f"the {test.name} are {two_digits(times)} times too large"
 
 
 def row_words(name: str) -> str:

@@ -3,6 +3,7 @@
 The verdict has a few short lines. Its explanation contains all findings.
 """
 
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -197,7 +198,7 @@ def verdict(
         why = f"the residuals are {factor} times smaller than noise and bench imply"
     cause = next(iter(far.values()), _REVERSED * reverse)
     lines = (
-        first_fit(f"{word}: {why}.", f"{word}: {why.partition(' (')[0]}."),
+        _first_line(word, why),
         fit(added),
         fit(f"Most likely cause: {cause}.")
         if cause
@@ -317,6 +318,13 @@ def _steps_on_findings(
 
 def _changes_words(advice: Advice) -> str:
     return f"set in the run file: {changes_text(advice.changes)}"
+
+
+def _first_line(word: str, why: str) -> str:
+    """Return the grade and its main reason; without what stands in brackets, if too long."""
+    short = re.sub(r" \([^()]*\)", "", why)
+    cut = fit(short, MOST_CHARACTERS - len(f"{word}: "))
+    return first_fit(f"{word}: {why}.", f"{word}: {short}.", f"{word}: {cut}")
 
 
 def _next_line(steps: Sequence[_Step]) -> str:

@@ -8,8 +8,10 @@ two steps; d is their difference. The covariance of their errors is
 
 which is a valid covariance for any means. A row whose mean is close to others also has an
 independent error of up to the same size, because true values that differ by a fraction of a step
-(due to the earth's rate, drift or sensitivity to acceleration) give the same reading. A channel in
-motion crosses many steps, and its errors average out: β²/n for n samples.
+(due to the earth's rate, drift or sensitivity to acceleration) give the same reading. If a channel
+crosses many steps in a row, their errors average out: the error of each step has the weight of the
+share p of the samples that read this step, and the mean has the variance β² Σp². In a turn at a
+constant rate a gyro crosses few steps, and its row is like a rest.
 """
 
 from collections.abc import Sequence
@@ -26,7 +28,8 @@ from inercal.estimation.uncertainty.rounding import mean_rounding_variance
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 
-_CROSSED = 1.0  # steps: a scatter of this size averages rounding errors out
+_CROSSED = 4.0  # steps: where a row crosses more, their errors average out
+_NEAR = 1.0  # steps: readings so close to those at rest have the same error
 NOISY = 0.6  # steps: with more noise than this, rounding leaves no error in a mean
 
 
@@ -62,9 +65,23 @@ class ReadingSteps:
         ]
         return self.step**2 * np.array(shares) + self.text**2
 
-    def errors_of_means(
-        self, mean: Array, samples: Array | None = None, scatter: Array | None = None
-    ) -> "RoundingErrors | None":
+    def crossed(self, rows: Sequence[Array]) -> Array:
+        """Return how many steps the readings of each row cross, (r, m): 1/Σp².
+
+        Parameters
+        ----------
+        rows : sequence of r (n, m) array
+            Readings of the samples in SI units.
+        """
+        number = np.ones((len(rows), self.step.size))
+        for k in np.flatnonzero(self.step).tolist():
+            for r, readings in enumerate(rows):
+                level = np.rint(readings[:, k] / self.step[k])
+                count = np.unique_counts(level).counts
+                number[r, k] = len(readings) ** 2 / float(count @ count)
+        return number
+
+    def errors_of_means(self, mean: Array, crossed: Array | None = None) -> "RoundingErrors | None":
         """Return the rounding errors of the means of r rows; None if rounding leaves no error.
 
         Parameters
@@ -72,36 +89,23 @@ class ReadingSteps:
         mean : (..., r, m) array
             Means in SI units. With several trials, the first one decides which rows are close to
             each other.
-        samples : (r,) array, optional
-            Number of samples in each row; needed with `scatter`.
-        scatter : (r, m) array, optional
-            Standard deviation of the samples in each row, SI. If omitted, all rows are at rest.
+        crossed : (r, m) array, optional
+            Number of steps that the readings of each row cross. If omitted, all rows are at rest.
         """
         variance = self.variance
         if not variance.any():
             return None
         one: Array = mean.reshape(-1, *mean.shape[-2:])[0]
         between = np.zeros((len(one), len(one), variance.size))
-        moving = np.zeros(one.shape, dtype=np.bool_)
-        if scatter is not None:
-            moving = self.moving(scatter)
+        over = np.ones(one.shape) if crossed is None else crossed
+        moving = over > _CROSSED
         for k in np.flatnonzero(variance).tolist():
             apart = (one[:, None, k] - one[:, k]) / self.step[k]
             near: Array = np.exp(-0.5 * apart**2) * (1 - np.eye(len(one)))
             near[moving[:, k]] = near[:, moving[:, k]] = 0.0
-            own = 1 + near.max(axis=1, initial=0.0)
-            if samples is not None:
-                own = np.where(moving[:, k], 1 / samples, own)
+            own = np.where(moving[:, k], 1 / over[:, k], 1 + near.max(axis=1, initial=0.0))
             between[..., k] = variance[k] * (near + np.diag(own))
         return RoundingErrors(between, self)
-
-    def moving(self, scatter: Array) -> NDArray[np.bool_]:
-        """Return which readings cross many steps, given their standard deviations (..., m), SI.
-
-        A gyro perpendicular to the axis of a turn does not cross many steps: it reads as if at
-        rest.
-        """
-        return np.asarray(scatter > _CROSSED * self.step, dtype=np.bool_)
 
     def as_at_rest(self, off: Array, first: int) -> NDArray[np.bool_]:
         """Return which readings may have the same rounding error as the rests.
@@ -112,7 +116,7 @@ class ReadingSteps:
             Readings of the channels from index `first` on, minus their readings at rest, SI.
         first : int
         """
-        near = np.where(self.dead_band, 0.5, _CROSSED) * self.step
+        near = np.where(self.dead_band, 0.5, _NEAR) * self.step
         return np.asarray(np.abs(off) < near[first:], dtype=np.bool_)
 
 

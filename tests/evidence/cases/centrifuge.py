@@ -86,7 +86,7 @@ def centrifuge_norm() -> Case:
     def files(v: Values, rng: np.random.Generator, gross: Violation | None) -> Files:
         y = sensor_models.noisy_means(readings(v), noise, rng, gross, 3)
         labels = [f"p{k + 1:02d}" for k in range(n)]
-        rpm = np.array([dwell[0] for dwell in dwells])
+        rpm = sensor_models.typed_rates(v, np.array([dwell[0] for dwell in dwells]))
         table = csv(("position", "rpm", "ax", "ay", "az"), labels, rpm, 0.1 * y / G0)
         return {"run.toml": _RUN, "dwells.csv": table}
 
@@ -150,6 +150,7 @@ def centrifuge_norm() -> Case:
             "k3", "koq", "k1_prime", "delta_o", "drift", counted=_ALSO
         ),
         # A norm is that of the mirrored force as well: attitudes are not known.
+        sensor_models.made_otherwise("one rate typed wrongly, by 1 %", typed=0.01),
         replace(sensor_models.swap_columns(0, 1), symmetric=True),
         replace(sensor_models.reverse_axis(1), symmetric=True),
         sensor_models.change_unit(1 / G0),

@@ -94,6 +94,7 @@ def _case(
             y[:, k] += v.get(f"{axis}.kpp", 0.0) * G0 * p**2
             wave = np.array([v.get(f"drift_{axis}[{j}]", 0.0) for j in range(len(passes))]) @ passes
             y[:, k] += (wave + v.get(f"{axis}.drift", 0.0) * run) / G0
+            y[:, k] += v.get("hysteresis", 0.0) / G0 * np.where(np.arange(rows) < N, 0.5, -0.5)
         y[0, 0] += v.get("step", 0.0) / G0
         return np.asarray(G0 * y, dtype=float).ravel()
 
@@ -108,7 +109,8 @@ def _case(
         columns = ", ".join(f'"{axis}"' for axis in axes)
         text += _DATA.format(columns=columns, noise=noise_ug)
         text += f'[method]\nname = "{method}"\n' + (_PAIR_PRIORS if m > 1 else "")
-        table = csv(("angle", *axes), np.degrees(theta), 3 * y / G0)
+        typed = np.degrees(theta) + v.get("typed", 0.0) * (np.arange(rows) == 2)
+        table = csv(("angle", *axes), typed, 3 * y / G0)
         return {"run.toml": text, "head.csv": table}
 
     known = {"k3", "kip"} if m > 1 else set[str]()
@@ -234,6 +236,8 @@ def _case(
             if m > 1
             else ()
         ),
+        sensor_models.made_otherwise("hysteresis, 10 µg", hysteresis=10 * UG),
+        sensor_models.made_otherwise("one attitude typed wrongly, by 10°", typed=10.0),
         *((sensor_models.swap_columns(0, 1),) if m > 1 else ()),
         sensor_models.reverse_axis(m - 1),
         sensor_models.change_unit(1 / G0),

@@ -46,6 +46,13 @@ def _forces(v: Values) -> Array:
     return np.array(rows)
 
 
+def typed_labels(v: Values, labels: list[str]) -> list[str]:
+    """Return the labels as somebody typed them: the first and the third may be exchanged."""
+    if v.get("exchanged", 0.0):
+        labels = [labels[2], labels[1], labels[0], *labels[3:]]
+    return labels
+
+
 def _place(n: int) -> Array:
     return np.linspace(-0.5, 0.5, n)
 
@@ -83,7 +90,9 @@ BENCH = (
         limit="wrong readings",
     ),
 )
+_EXCHANGED = sensor_models.made_otherwise("two labels exchanged", exchanged=1.0)
 GROSS = (
+    _EXCHANGED,
     sensor_models.swap_columns(0, 1),
     sensor_models.reverse_axis(1),
     sensor_models.change_unit(1 / G0, slice(0, 3)),
@@ -126,7 +135,7 @@ def six_position() -> Case:
         y = sensor_models.noisy_means(readings(v), noise, rng, gross, 3)
         return {
             "run.toml": _SIX,
-            "means.csv": csv(("position", "ax", "ay", "az"), list(FACES), y / G0),
+            "means.csv": csv(("position", "ax", "ay", "az"), typed_labels(v, [*FACES]), y / G0),
         }
 
     unknowns = sensor_models.triad(0.03 * G0, 0.01, 0.01)
@@ -210,7 +219,7 @@ def ferraris() -> Case:
         y = sensor_models.noisy_means(readings(v), noise, rng, gross, 6)
         seconds = np.where(np.arange(n) < 6, 10.0, SECONDS)
         names = ("position", "seconds", "ax", "ay", "az", "gx", "gy", "gz")
-        table = csv(names, labels, seconds, y[:, :3] / G0, y[:, 3:] / DEGREE)
+        table = csv(names, typed_labels(v, labels), seconds, y[:, :3] / G0, y[:, 3:] / DEGREE)
         return {"run.toml": _FERRARIS, "means.csv": table}
 
     level = EARTH * np.cos(LATITUDE) / np.sqrt(2)  # the azimuth is anything

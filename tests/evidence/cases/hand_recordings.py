@@ -97,7 +97,7 @@ def six_position() -> Case:
         if v.get("slow", 0.0):
             y = y + _slow_noise(rng, len(y), hz, v)
         y = sensor_models.mistaken(y, gross)
-        names = np.array(list(hand.FACES))[rest]
+        names = np.array(hand.typed_labels(v, [*hand.FACES]))[rest]
         columns = {f"a{a}": y[:, k] / G0 for k, a in enumerate("xyz")}
         return {"run.toml": _SIX, "log.npz": npz_archive(time=time, part=names, **columns)}
 
@@ -112,14 +112,13 @@ def six_position() -> Case:
     more = (
         Violation("step in the middle of one rest", "mg", 1e-3 * G0, {"step": 1.0}, _STEP, 1e3),
         Violation("clipping at 1 g", gross=clipped),
-        Violation(
-            "slow noise, 0.5 mg of 1 s",
-            change={"slow": 5e-4 * G0},
-            gross=sensor_models.keep_readings,
-        ),
+        sensor_models.made_otherwise("slow noise, 0.5 mg of 1 s", slow=5e-4 * G0),
     )
     left_out = sensor_models.accelerometer_violations("k2", "k3", "k1_prime", "drift")
     gross = (
+        sensor_models.low_pass_filter(hz, 5.0, parts=6),
+        sensor_models.rounding("5 mg", (5e-3 * G0,)),
+        sensor_models.made_otherwise("two labels exchanged", exchanged=1.0),
         sensor_models.swap_columns(0, 1),
         sensor_models.reverse_axis(1),
         sensor_models.change_unit(G0),
@@ -385,7 +384,7 @@ def multi_position(directions: Array | None = None) -> Case:
         y = sensor_models.mistaken(y, gross)
         columns = {f"a{a}": y[:, k] / G0 for k, a in enumerate("xyz")}
         columns |= {f"g{a}": y[:, 3 + k] / DEGREE for k, a in enumerate("xyz")}
-        time = made.time / (1 + v.get("timebase", 0.0))
+        time = sensor_models.drifting_clock(v, made.time / (1 + v.get("timebase", 0.0)))
         return {"run.toml": _IMU, "log.npz": npz_archive(time=time, **columns)}
 
     unknowns = _triangular(0.03 * G0, 0.01, 0.01)
@@ -428,11 +427,11 @@ def multi_position(directions: Array | None = None) -> Case:
         ),
         *sensor_models.accelerometer_violations("k2", "k3", "k1_prime", "drift", counted=_ALSO),
         *sensor_models.gyro_violations("g", "scale_prime", "drift"),
-        Violation(
-            "slow noise, 0.5 mg of 1 s",
-            change={"slow": 5e-4 * G0},
-            gross=sensor_models.keep_readings,
-        ),
+        sensor_models.made_otherwise("slow noise, 0.5 mg of 1 s", slow=5e-4 * G0),
+        sensor_models.low_pass_filter(hz, 5.0),
+        sensor_models.rounding("5 mg, 0.5 °/s", (*3 * [5e-3 * G0], *3 * [0.5 * DEGREE])),
+        sensor_models.late_columns(round(0.2 * hz), slice(3, 6), "gyros late by 0.2 s"),
+        sensor_models.made_otherwise("clock that drifts by 0.4 % in the run", clock=0.004),
         sensor_models.swap_columns(0, 1),
         sensor_models.reverse_axis(4),
         sensor_models.change_unit(180 / np.pi, slice(3, 6)),

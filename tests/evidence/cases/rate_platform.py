@@ -82,7 +82,9 @@ def rates_and_poses() -> Case:
         y = sensor_models.noisy_means(readings(v), noise, rng, gross, 3)
         axes = ["xyz"[k] for k in setting]
         names = ("axis", "rate", "seconds", "gx", "gy", "gz")
-        table = csv(names, axes, rates, np.full(n, SECONDS), y / DEGREE)
+        table = csv(
+            names, axes, sensor_models.typed_rates(v, rates), np.full(n, SECONDS), y / DEGREE
+        )
         return {"run.toml": _RUN, "rates.csv": table}
 
     level = EARTH * np.cos(LATITUDE) / np.sqrt(2)
@@ -148,6 +150,7 @@ def rates_and_poses() -> Case:
         ),
         *sensor_models.gyro_violations("scale_prime", "drift", "scale2"),
         Violation("one outlying section", "°/h", DEG_H, {"step": 1.0}, ("x +50 °/s",), 1e6),
+        sensor_models.made_otherwise("one rate typed wrongly, by 10 %", typed=0.1),
         sensor_models.swap_columns(0, 1),
         sensor_models.reverse_axis(1),
         sensor_models.change_unit(np.pi / 180),

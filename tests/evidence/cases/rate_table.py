@@ -94,7 +94,7 @@ def _case(method: str, states: tuple[State, ...], estimator: str = "") -> Case:
 
     def files(v: Values, rng: np.random.Generator, gross: Violation | None) -> Files:
         y = sensor_models.noisy_means(readings(v), noise, rng, gross, 3)
-        rpm = np.array([s[3] for s in states])
+        rpm = sensor_models.typed_rates(v, np.array([s[3] for s in states]))
         names = ("mounting", "rpm", "ax", "ay", "az")
         table = csv(names, [_name(s) for s in states], rpm, 16384 * y / G0)
         text = _RUN + f'name = "{method}"\n'
@@ -171,6 +171,7 @@ def _case(method: str, states: tuple[State, ...], estimator: str = "") -> Case:
         ),
         Violation("one outlying state", "mg", 1e-3 * G0, {"step": 1.0}, (_label(states[1]),), 1e4),
         *sensor_models.accelerometer_violations("k2", "k3", "k1_prime", "kip", "kpo", "drift"),
+        sensor_models.made_otherwise("one rate typed wrongly, by 10 %", typed=0.1),
         sensor_models.swap_columns(0, 1),
         sensor_models.reverse_axis(1),
         sensor_models.change_unit(1 / G0),

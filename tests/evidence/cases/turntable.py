@@ -125,6 +125,17 @@ def path_text(path: Path) -> str:
     return "\n".join(rows) + "\n"
 
 
+def _typed_path(v: Values, path: Path) -> Path:
+    """Return the path as somebody typed it: the middle angle of the second hold may be wrong."""
+    typed: Path = []
+    for step in path:
+        if len(step) == 3 and sum(len(one) == 3 for one in typed) == 1:
+            label, (outer, middle, inner), seconds = step
+            step = (label, (outer, middle + v.get("typed", 0.0), inner), seconds)
+        typed.append(step)
+    return typed
+
+
 def readback(v: Values, angles: Array) -> Array:
     """Return what the table says, without noise, at angles (n, 3)."""
     said = angles.copy()
@@ -294,10 +305,10 @@ def _case(method: str, which: str, *, whole_turns: bool = False) -> Case:
         columns = {f"a{x}": y[:, k] / G0 for k, x in enumerate("xyz")}
         columns |= {f"g{x}": y[:, 3 + k] / DEGREE for k, x in enumerate("xyz")}
         columns |= {name: said[:, k] / DEGREE for k, name in enumerate(NAMES)}
-        time = np.arange(n) / HZ
+        time = sensor_models.drifting_clock(v, np.arange(n) / HZ)
         return {
             "run.toml": run_text(method),
-            "path.csv": path_text(path),
+            "path.csv": path_text(_typed_path(v, path)),
             "log.npz": npz_archive(time=time, step=steps, **columns),
         }
 
@@ -378,11 +389,11 @@ def _violations() -> tuple[Violation, ...]:
         bench("latitude", "latitude", "°", DEGREE, 90, "state it as it is: it is taken as exact"),
         *sensor_models.accelerometer_violations("k2", "k3", "k1_prime", "drift", counted=_ALSO),
         *sensor_models.gyro_violations("g", "scale_prime", "scale2", "drift"),
-        Violation(
-            "bias instability ten times what is stated",
-            change={"flicker": 9.0},
-            gross=sensor_models.keep_readings,
-        ),
+        sensor_models.made_otherwise("bias instability ten times what is stated", flicker=9.0),
+        sensor_models.low_pass_filter(HZ, 5.0),
+        sensor_models.rounding("5 mg, 0.5 °/s", (*3 * [5e-3 * G0], *3 * [0.5 * DEGREE])),
+        sensor_models.made_otherwise("clock that drifts by 0.4 % in the run", clock=0.004),
+        sensor_models.made_otherwise("one attitude typed wrongly, by 10°", typed=10.0),
         sensor_models.swap_columns(0, 1),
         sensor_models.reverse_axis(4),
         sensor_models.change_unit(180 / np.pi, slice(3, 6)),

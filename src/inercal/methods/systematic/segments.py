@@ -190,9 +190,7 @@ def _rounding(reading: Array, rests: Indices, steps: ReadingSteps) -> RoundingEr
     if not steps.variance.any():
         return None
     parts = [reading[a:b] for a, b in pairwise(rests.ravel().tolist())]
-    samples = np.array([len(part) for part in parts])
-    scatter = np.stack([part.std(axis=0) for part in parts])
-    return steps.errors_of_means(np.stack([p.mean(axis=0) for p in parts]), samples, scatter)
+    return steps.errors_of_means(np.stack([p.mean(axis=0) for p in parts]), steps.crossed(parts))
 
 
 def shift_forces(segments: Segments, samples: int) -> Segments:

@@ -281,8 +281,8 @@ def average_sections(
     rounding = None
     if coarse.any():
         trial = recording.data.reshape(-1, *recording.data.shape[-2:])[0]
-        scatter = np.stack([section(step, trial).std(axis=-2) for step in used])
-        rounding = steps_of_readings.errors_of_means(mean, samples, scatter)
+        crossed = steps_of_readings.crossed([section(step, trial) for step in used])
+        rounding = steps_of_readings.errors_of_means(mean, crossed)
     if rounding is not None:
         rounding, covariance, further = add_rounding(sensor, rounding, covariance, coarse)
         notes = (*notes, *further)
