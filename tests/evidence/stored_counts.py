@@ -36,6 +36,9 @@ causes together. NEES is the mean of (error)ᵀ covariance⁻¹ (error) over the
 Further causes have pages of their own: [coarse thermometers](temperature.md), [filters and
 correlated noise](filtered-noise.md) and [magnetic distortion](magnetometer.md).
 
+A filter or coarse steps of the readings may be counted as consistent: inercal then recognises them
+and includes their errors in U, which the NEES of the cell shows.
+
 Seeds: 1 for violations; 1, 2 and 3 for base cases, 300 devices each.
 
 {summary}

@@ -314,9 +314,7 @@ def compile_beside(work: Callable[[], object], after: float = _SHARED_SECONDS) -
 
     def begin() -> None:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # this process may have threads; the other only computes
+            warnings.simplefilter("ignore")  # of threads: the other process only computes
             other = os.fork()
         if other:
             others.append(other)
@@ -330,11 +328,8 @@ def compile_beside(work: Callable[[], object], after: float = _SHARED_SECONDS) -
         finally:
             os._exit(0)
 
-    with (
-        on_compilation(begin)
-        if sys.platform == "linux" and available_cores() > 1
-        else nullcontext()
-    ):
+    both = sys.platform == "linux" and available_cores() > 1
+    with on_compilation(begin, after) if both else nullcontext():
         try:
             yield
         finally:
