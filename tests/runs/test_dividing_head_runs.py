@@ -325,6 +325,15 @@ def test_a_wrong_unit_is_found(tmp_path: Path):
     refused_run(run, "0.102 g", key="[data] accelerometer", names=("A",))
 
 
+@pytest.mark.parametrize("reading", [0.0, 2.9989])
+def test_one_accelerometer_that_never_changes_is_refused(tmp_path: Path, reading: float):
+    table = Table(collimated="none")
+    table.columns["A"] = np.full_like(table.columns["A"], reading)
+    table.write(tmp_path)
+    run = run_file(tmp_path, ('["A", "B"]', '["A"]'), *autocollimation_changes("none"), more="")
+    refused_run(run, "in all rows", file=tmp_path / "table.csv", names=("A",))
+
+
 def test_counts_without_a_scale_are_refused(tmp_path: Path):
     Table().write(tmp_path)
     run = run_file(tmp_path, ('unit = "V"\nscale = "3 V/g"', 'unit = "LSB"'))

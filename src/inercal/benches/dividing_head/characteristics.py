@@ -201,6 +201,8 @@ def head_characteristics(
         gain = np.zeros((_TERMS, len(steps)))
         gain[:, plain] = np.linalg.pinv(_tumble_terms(level[plain] / g, slope[plain] / g))
         _, scale, tilt, *_ = gain @ read
+        if not abs(tilt) < abs(scale):
+            continue  # no accelerometer reads so; the fit says what is wrong
         alpha = float(tilt / scale)
         x: Array = level * cos(alpha) + slope * sin(alpha)
         # Equal inputs of a series have a level of their own, apart from the plain readings.

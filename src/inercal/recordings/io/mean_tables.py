@@ -206,7 +206,7 @@ def _rounding_of_digits(output: Array, deviation: Array, sensor: Sensor) -> Read
 def _refuse_constant_column(
     path: Path, output: Array, sensor: Sensor, by_axis: Mapping[str, str]
 ) -> None:
-    """Refuse a column that is constant while similar ones change, or a gyro that always reads 0."""
+    """Refuse an accelerometer that never changes, and a gyro that alone does so or reads 0."""
     if len(output) < _ROWS:
         return
     constant = (output == output[0]).all(axis=0)
@@ -224,10 +224,11 @@ def _refuse_constant_column(
         few = _FEW_DIGITS * last_digit(output[:, like])
         if axis.measures == "w" and float(np.ptp(output[:, like], axis=0).max()) <= few:
             continue
-        if constant[k] and not constant[like].all():
+        others = "" if constant[like].all() else " while others change"
+        if constant[k] and (others or axis.measures == "f"):
             raise InputError(
-                f"{path}: column {by_axis[axis.name]!r} is {output[0, k]:.6g} in all rows while "
-                "others change: check that the axis is connected and that [data] names its column",
+                f"{path}: column {by_axis[axis.name]!r} is {output[0, k]:.6g} in all rows{others}: "
+                "check that the axis is connected and that [data] names its column",
                 file=path,
                 names=(by_axis[axis.name],),
             )
