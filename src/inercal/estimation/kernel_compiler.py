@@ -11,7 +11,7 @@ does the same arithmetic in the same order.
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 # pyright: reportIncompatibleMethodOverride=false, reportAttributeAccessIssue=false
-# pyright: reportArgumentType=false
+# pyright: reportArgumentType=false, reportCallIssue=false
 
 from typing import Any
 
@@ -70,7 +70,7 @@ class _Lower(lowering.Lower):
                 from_end = builder.icmp_signed("<", at, at.type(0))
                 at = builder.select(from_end, builder.add(at, size), at)
             if kind.layout == "C":
-                offset = builder.add(builder.mul(offset, size), at)
+                offset = builder.add(builder.mul(offset, size, flags=["nsw"]), at, flags=["nsw"])
             else:
                 step = builder.extract_value(array, [_STRIDES, axis])
                 offset = builder.add(offset, builder.mul(at, step))
@@ -79,7 +79,7 @@ class _Lower(lowering.Lower):
             return cgutils.pointer_add(builder, data, offset)
         for axis in range(_indexed_axes(kind, by), kind.ndim):
             offset = builder.mul(offset, builder.extract_value(array, [_SHAPE, axis]))
-        return builder.gep(data, [offset])
+        return builder.gep(data, [offset], inbounds=True)
 
     def lower_expr(self, resty: Any, expr: Any) -> Any:
         """Begin a loop over a range, or take its next step."""
@@ -91,8 +91,8 @@ class _Lower(lowering.Lower):
                 builder.extract_value(self.loadvar(of), k) for k in (_AT, _STEP, _LEFT)
             )
             value, count = builder.load(at), builder.load(left)
-            builder.store(builder.add(value, step), at)
-            builder.store(builder.sub(count, count.type(1)), left)
+            builder.store(builder.add(value, step, flags=["nsw"]), at)
+            builder.store(builder.sub(count, count.type(1), flags=["nsw"]), left)
             return self._structure(resty, value, builder.icmp_signed(">", count, count.type(0)))
         if expr.op == "getiter" and isinstance(resty, types.RangeIteratorType):
             made = ir_utils.guard(ir_utils.get_definition, self.func_ir, expr.value)
@@ -101,7 +101,7 @@ class _Lower(lowering.Lower):
                 first, stop, step = (builder.extract_value(limits, k) for k in range(3))
                 at, left = (cgutils.alloca_once(builder, first.type) for _ in range(2))
                 builder.store(first, at)
-                builder.store(builder.sub(stop, first), left)
+                builder.store(builder.sub(stop, first, flags=["nsw"]), left)
                 return self._structure(resty, at, stop, step, left)
         return super().lower_expr(resty, expr)
 

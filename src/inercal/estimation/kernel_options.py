@@ -201,11 +201,19 @@ class _StepLibrary(codegen.JITCodeLibrary):
         return self.serialize_using_bitcode()
 
 
-class _StepCompiler(KernelCompiler):
-    def define_pipelines(self) -> Any:
+class _AsStep:
+    def define_pipelines(self: Any) -> Any:
         name = self.state.func_id.func_qualname
         self.state["library"] = _StepLibrary(self.state.targetctx.codegen(), name)
-        return super().define_pipelines()
+        return super().define_pipelines()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+class _StepCompiler(_AsStep, KernelCompiler):
+    pass
+
+
+class _VectorStepCompiler(_AsStep, compiler.Compiler):
+    pass
 
 
 KERNEL_OPTIONS: dict[str, Any] = {
@@ -216,6 +224,10 @@ INNER_OPTIONS: dict[str, Any] = {
     **KERNEL_OPTIONS, "no_cpython_wrapper": True, "pipeline_class": _StepCompiler,
 }  # fmt: skip
 """Options for a function that only kernels call: a call from Python would crash the process."""
+# LLVM turns fewer loops into vector instructions if `KernelCompiler` generates them.
+VECTOR_OPTIONS: dict[str, Any] = {**KERNEL_OPTIONS, "pipeline_class": compiler.Compiler}
+INNER_VECTOR_OPTIONS: dict[str, Any] = {**INNER_OPTIONS, "pipeline_class": _VectorStepCompiler}
+"""The same options for kernels whose inner loops go over many rows."""
 # Numba has no types for these options.
 _compile: Any = njit
 F = TypeVar("F", bound=Callable[..., object])

@@ -11,11 +11,11 @@ call them.
 from typing import Any
 
 from inercal.basics.arrays import Array
-from inercal.estimation.kernel_options import INNER_OPTIONS, KERNEL_OPTIONS, njit
+from inercal.estimation.kernel_options import INNER_VECTOR_OPTIONS, VECTOR_OPTIONS, njit
 
-INNER: dict[str, Any] = {**INNER_OPTIONS, "nogil": True, "fastmath": {"contract"}}
+INNER: dict[str, Any] = {**INNER_VECTOR_OPTIONS, "nogil": True, "fastmath": {"contract"}}
 # For functions that other code calls.
-KERNEL: dict[str, Any] = {**KERNEL_OPTIONS, "nogil": True, "fastmath": {"contract"}}
+KERNEL: dict[str, Any] = {**VECTOR_OPTIONS, "nogil": True, "fastmath": {"contract"}}
 # A sum may be computed in any order.
 SUM: dict[str, Any] = {**INNER, "fastmath": {"contract", "reassoc", "nsz"}}
 
