@@ -136,7 +136,7 @@ def document_text(content: Mapping[str, Any]) -> str:
 
 
 def attributes(record: object, names: str) -> dict[str, Any]:
-    """Return attributes of a record as fields of a JSON object; `names` has blanks between them."""
+    """Return the named attributes of a record as JSON fields; blanks separate the names."""
     return {name: getattr(record, name) for name in names.split()}
 
 

@@ -144,7 +144,7 @@ def _largest_shifts(scores: Sequence[ScoreTest], u: Array) -> list[float]:
 
 
 def _undetected_sizes(score: ScoreTest, moved: float, sensor: Sensor) -> list[float]:
-    """Return the size of each component that shifts a coefficient by 5 u, SI; NaN if unknown."""
+    """Return the sizes, SI, at which the components shift a coefficient by 5 u; NaN if unknown."""
     size: list[float] = np.abs(score.size).tolist()
     if moved <= 0 or not (score.dof or score.kind == "coefficient"):
         return [nan] * len(size)

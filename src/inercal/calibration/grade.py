@@ -333,9 +333,10 @@ def grade_estimate(
 
 
 def _large_means(assessment: Assessment) -> Iterator[str]:
-    """Yield the tests of means that scatter more than twice as much as stated.
+    """Yield a reason for each kind of means that scatter more than twice as much as stated.
 
-    White noise of thousands of samples hides in their common scatter what shifts all their means.
+    A systematic error can be small compared with the noise of thousands of single residuals, but
+    their means show it.
     """
     for test in assessment.rejecting_tests:
         times = (test.statistic / test.dof) ** 0.5

@@ -53,7 +53,7 @@ class Contrasts(NamedTuple):
         return np.where(counts < self.batches[:, None], counts, 0)
 
     def of(self, chosen: Bools) -> "Contrasts":
-        """Return the contrasts of some sections."""
+        """Return the contrasts of the chosen sections; `chosen` has one value for each section."""
         levels = tuple(level[chosen] for level in self.levels)
         parts = [part if isinstance(part, tuple) else part[chosen] for part in self]
         return Contrasts._make(parts)._replace(levels=levels)

@@ -202,6 +202,8 @@ class _StepLibrary(codegen.JITCodeLibrary):
 
 
 class _AsStep:
+    """Makes a compiler keep its code for the kernels that call it."""
+
     def define_pipelines(self: Any) -> Any:
         name = self.state.func_id.func_qualname
         self.state["library"] = _StepLibrary(self.state.targetctx.codegen(), name)

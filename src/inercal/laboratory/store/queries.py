@@ -106,7 +106,7 @@ def _of_sensor(db: Connection, table: Table, key: int | str | None) -> list[Colu
 def runs(
     db: Connection, *, sensor_key: int | str | None = None, newest: int | None = None
 ) -> tuple[RunEntry, ...]:
-    """Return the runs of all sensors or of one, or only the newest, by start time."""
+    """Return the runs of all sensors or of one by start time; `newest` limits their number."""
     where = _of_sensor(db, run, sensor_key)
     query = (
         select(run, sensor.c.name.label("sensor"), bench.c.kind, bench.c.name.label("bench"))

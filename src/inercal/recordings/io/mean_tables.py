@@ -206,7 +206,10 @@ def _rounding_of_digits(output: Array, deviation: Array, sensor: Sensor) -> Read
 def _refuse_constant_column(
     path: Path, output: Array, sensor: Sensor, by_axis: Mapping[str, str]
 ) -> None:
-    """Refuse an accelerometer that never changes, and a gyro that alone does so or reads 0."""
+    """Refuse an accelerometer column that never changes, and a gyro column that seems dead.
+
+    A gyro seems dead if it always reads 0, or if it is constant while other gyros change.
+    """
     if len(output) < _ROWS:
         return
     constant = (output == output[0]).all(axis=0)
