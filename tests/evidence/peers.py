@@ -22,6 +22,7 @@ from tests.accuracy.test_ferraris_recordings import run_file as ferraris_run_fil
 from tests.accuracy.test_hand_held_recordings import upper
 from tests.evidence import imu_tk_algorithm as imu_tk
 from tests.evidence.stored_counts import FOLDER
+from tests.evidence.stored_runs import write_page
 
 import inercal
 from inercal.calibration import Calibration
@@ -256,4 +257,4 @@ if __name__ == "__main__":
     found = work_out()
     text = json.dumps([row._asdict() for row in found], ensure_ascii=False, indent=1)
     DATA.write_text(text + "\n", encoding="utf-8")
-    PAGE.write_text(page(found), encoding="utf-8")
+    write_page(PAGE, page(found))

@@ -8,6 +8,10 @@ from multiprocessing import Pool
 from pathlib import Path
 from typing import Any
 
+from tests.evidence.stored_counts import current_commit, describe_machine
+
+_RUN = "\nCommit "
+
 
 def store_runs(
     description: str | None,
@@ -53,4 +57,15 @@ def store_runs(
         return
     data, text = files
     data.write_text(json.dumps(found, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
-    text.write_text(page(found), encoding="utf-8")
+    write_page(text, page(found))
+
+
+def write_page(path: Path, text: str) -> None:
+    """Write a page, with the commit and the machine in its last line."""
+    run = f"{_RUN}{current_commit()}; {describe_machine()}.\n"
+    path.write_text(text + run, encoding="utf-8")
+
+
+def page_text(path: Path) -> str:
+    """Return a page without the line of its run."""
+    return path.read_text(encoding="utf-8").partition(_RUN)[0]

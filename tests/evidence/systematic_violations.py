@@ -20,7 +20,7 @@ from zlib import crc32
 import numpy as np
 from tests.evidence.cases.hand_recordings import npz_archive
 from tests.evidence.graded_calibration import GradedCalibration, calibrate_files
-from tests.evidence.stored_counts import FOLDER, current_commit, describe_machine
+from tests.evidence.stored_counts import FOLDER
 from tests.evidence.stored_runs import store_runs
 from tests.methods import systematic_table as made
 from tests.methods.systematic_cases import sensor_of, solved, table_of
@@ -230,8 +230,6 @@ def work_out(devices: int, pool: Any) -> dict[str, Any]:
         of_fault = counts.setdefault(fault, {})
         of_fault[grade] = {"eta": None if size is None else float(f"{size:.3g}"), **count(own)}
     return {
-        "commit": current_commit(),
-        "machine": describe_machine(),
         "devices": devices,
         "seeds": list(SEEDS),
         "faults": counts,
@@ -268,7 +266,6 @@ def page(found: dict[str, Any]) -> str:
                 f"| {fault} | {grade} | {eta} | {devices - one['consistent']} of {devices} | "
                 f"{one['unreliable']} | {one['refused']} | {error} |"
             )
-    lines += ["", f"Commit {found['commit']}, {found['machine']}."]
     return "\n".join(lines) + "\n"
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from tests.accuracy import ramps, soaks
 from tests.evidence import temperature_ramps, temperature_soaks
+from tests.evidence.stored_runs import write_page
 
 HERE = Path(__file__).parents[2] / "docs" / "evidence"
 SEED, TRIALS, RAMPS = 1, 400, 300
@@ -138,4 +139,4 @@ if __name__ == "__main__":
     result = measure()
     text = json.dumps(result.content, indent=1, ensure_ascii=False)
     (HERE / "temperature.json").write_text(text + "\n", encoding="utf-8")
-    (HERE / "temperature.md").write_text(page(result), encoding="utf-8")
+    write_page(HERE / "temperature.md", page(result))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.base_seeds import evidence
 from tests.evidence import axes
+from tests.evidence.stored_runs import page_text
 from tests.methods.axis_calibrations import joined
 
 from inercal.methods import METHODS
@@ -34,7 +35,7 @@ def test_errors_of_any_number_of_axes_are_as_stated(method: str, number: str):
 
 
 def test_the_page_is_that_of_the_counts():
-    assert axes.PAGE.read_text(encoding="utf-8") == axes.page(FOUND)
+    assert page_text(axes.PAGE) == axes.page(FOUND)
 
 
 @pytest.mark.slow

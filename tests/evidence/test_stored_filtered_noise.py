@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.evidence import filtered_noise
+from tests.evidence.stored_runs import page_text
 
 FOUND = json.loads(filtered_noise.DATA.read_text(encoding="utf-8"))
 RUNS = FOUND["runs"]
@@ -60,7 +61,7 @@ def test_what_no_filter_describes_is_right_or_refused():
 
 
 def test_the_page_is_that_of_the_counts():
-    assert filtered_noise.PAGE.read_text(encoding="utf-8") == filtered_noise.page(FOUND)
+    assert page_text(filtered_noise.PAGE) == filtered_noise.page(FOUND)
 
 
 @pytest.mark.evidence

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import binom
 from tests.base_seeds import chosen
 from tests.evidence import magnetometer
+from tests.evidence.stored_runs import page_text
 
 FOUND = json.loads(magnetometer.DATA.read_text(encoding="utf-8"))["rows"]
 CALM = [name for name, row in magnetometer.ROWS.items() if not row.disturbed]
@@ -49,7 +50,7 @@ def test_an_uneven_field_is_estimated():
 
 def test_the_page_is_that_of_the_counts():
     stored = json.loads(magnetometer.DATA.read_text(encoding="utf-8"))
-    assert magnetometer.PAGE.read_text(encoding="utf-8") == magnetometer.page(stored)
+    assert page_text(magnetometer.PAGE) == magnetometer.page(stored)
 
 
 @pytest.mark.slow

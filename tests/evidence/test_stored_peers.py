@@ -8,12 +8,13 @@ import pytest
 if importlib.util.find_spec("imucal") is None:
     pytest.skip("imucal is not installed", allow_module_level=True)
 from tests.evidence import peers
+from tests.evidence.stored_runs import page_text
 
 ROWS = peers.stored()
 
 
 def test_the_page_is_that_of_the_comparison():
-    assert peers.PAGE.read_text(encoding="utf-8") == peers.page(ROWS)
+    assert page_text(peers.PAGE) == peers.page(ROWS)
 
 
 def test_only_the_gyros_of_recordings_by_hand_differ_by_more_than_u():

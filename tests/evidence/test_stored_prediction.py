@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.base_seeds import chosen
 from tests.evidence import prediction
+from tests.evidence.stored_runs import page_text
 
 from inercal.methods import METHODS
 
@@ -28,7 +29,7 @@ def test_u_covers_the_error_of_corrected_values_as_often_as_stated(method: str):
 
 
 def test_the_page_is_that_of_the_counts():
-    assert prediction.PAGE.read_text(encoding="utf-8") == prediction.page(FOUND)
+    assert page_text(prediction.PAGE) == prediction.page(FOUND)
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import binom
 from tests.base_seeds import evidence
 from tests.evidence import prior
+from tests.evidence.stored_runs import page_text
 
 from inercal.laboratory.type_prior import FALSE_ALARMS
 
@@ -43,7 +44,7 @@ def test_the_nine_parameters_of_a_pair_are_as_uncertain_as_stated(estimator: str
 
 
 def test_the_page_is_that_of_the_counts():
-    assert prior.PAGE.read_text(encoding="utf-8") == prior.page(FOUND)
+    assert page_text(prior.PAGE) == prior.page(FOUND)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.base_seeds import chosen
 from tests.evidence import sensor_noise
+from tests.evidence.stored_runs import page_text
 
 FOUND = json.loads(sensor_noise.DATA.read_text(encoding="utf-8"))
 RMS = {"MEMS": (0.0035, 0.0225, 0.31), "tactical": (0.0030, 0.064, 0.38)}
@@ -39,7 +40,7 @@ def test_disturbances_are_found_and_clean_recordings_raise_few_alarms():
 
 
 def test_the_page_is_that_of_the_counts():
-    assert sensor_noise.PAGE.read_text(encoding="utf-8") == sensor_noise.page(FOUND)
+    assert page_text(sensor_noise.PAGE) == sensor_noise.page(FOUND)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.base_seeds import evidence
 from tests.evidence import systematic
+from tests.evidence.stored_runs import page_text
 
 FOUND = json.loads(systematic.DATA.read_text(encoding="utf-8"))
 # Errors of grades N and T by the note of an independent program, in printed units
@@ -56,7 +57,7 @@ def test_from_z_up_the_turns_about_the_vertical_cost_a_scale_factor():
 
 
 def test_the_page_is_that_of_the_counts():
-    assert systematic.PAGE.read_text(encoding="utf-8") == systematic.page(FOUND)
+    assert page_text(systematic.PAGE) == systematic.page(FOUND)
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ import json
 import pytest
 from tests.base_seeds import chosen
 from tests.evidence import systematic_violations as stored
+from tests.evidence.stored_runs import page_text
 
 FOUND = json.loads(stored.DATA.read_text(encoding="utf-8"))
 CELLS = [(fault, grade) for fault in stored.FAULTS for grade in ("N", "T")]
@@ -61,7 +62,7 @@ def test_gross_mistakes_are_refused(fault: str):
 
 
 def test_the_page_is_that_of_the_counts():
-    assert stored.PAGE.read_text(encoding="utf-8") == stored.page(FOUND)
+    assert page_text(stored.PAGE) == stored.page(FOUND)
 
 
 @pytest.mark.slow

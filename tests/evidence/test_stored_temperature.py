@@ -3,6 +3,7 @@
 import pytest
 from tests.accuracy import ramps, soaks
 from tests.evidence import temperature_ramps, temperature_soaks
+from tests.evidence.stored_runs import page_text
 from tests.evidence.temperature_table import HERE, SEED, Stored, page
 
 # The method's note: rms of the joint fit; mg, ppm, mrad, µrad, K.
@@ -24,7 +25,7 @@ UP_AND_DOWN = "up and down, 2 × 30 min"
 
 
 def test_the_page_shows_the_stored_numbers():
-    assert (HERE / "temperature.md").read_text(encoding="utf-8") == page(Stored.read())
+    assert page_text(HERE / "temperature.md") == page(Stored.read())
 
 
 def test_stored_errors_over_soaks_are_within_the_bands():
