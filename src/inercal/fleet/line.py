@@ -303,7 +303,7 @@ def _fill(value: object, columns: Mapping[str, str]) -> object:
         return {key: _fill(one, columns) for key, one in content.items()}
     if isinstance(value, list):
         return [_fill(one, columns) for one in cast(list[object], value)]
-    if not isinstance(value, str):
+    if not isinstance(value, str) or "{" not in value:
         return value
     whole = _PLACEHOLDER.fullmatch(value)
     if whole is not None and whole[2]:
