@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tests.accuracy import ferraris, handheld
 from tests.accuracy.ferraris import DEGREE, Handling, Imu, mems
 from tests.base_seeds import chosen, evidence
+from tests.evidence.violation_cells import case_cells, device_files
 from tests.methods.test_multi_position import BENCH, SESSION, observed, truth
 
 from inercal.basics.units import Measured
@@ -234,3 +235,28 @@ def test_a_coarse_gyro_that_turns_in_one_sense(reports_dir: Path, tmp_path: Path
         # The error by rounding is common to all six positions.
         assert found.uncertainty(f"{one.channel}.bias") > 0.9 * one.std
     assert {one.channel for one in found.verdict.rounding} >= {"gx", "gy"}
+
+
+def rounded_on_a_table(case: str, folder: Path) -> tuple[Outcome, dict[str, float]]:
+    (cell,) = (one for one in case_cells(case) if "rounding" in one.violation)
+    files, true = device_files(cell, 0)
+    for name, content in files.items():
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    return calibrate(read(folder / "run.toml")), true
+
+
+def test_steps_of_gyros_are_no_fault_of_the_table(tmp_path: Path):
+    outcome, true = rounded_on_a_table("turntable_discrete", tmp_path)
+    assert not [one for one in outcome.findings if one.what == "readback"]
+    found = outcome.calibration
+    assert all(abs(found.value(n) - true[n]) < 3 * found.uncertainty(n) for n in true)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["turntable_kalman", "turntable_trajectory"])
+def test_methods_that_follow_samples_name_the_steps(case: str, tmp_path: Path):
+    found = rounded_on_a_table(case, tmp_path)[0].calibration
+    assert found.verdict is not None
+    assert found.verdict.grade == "unreliable"
+    assert "rounding" in found.verdict.lines[1]
+    assert "turntable_discrete" in found.verdict.lines[2]

@@ -54,6 +54,8 @@ _UNIT_RATIO_TOLERANCE = 0.1  # relative tolerance for recognising a scale factor
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
 OPPOSITE_SIGN = "opposite sign"
 """`Finding.what` for a quantity that the sensors show with the opposite sign."""
+COARSE_READINGS = "coarse readings"
+"""`Finding.what` for rounding errors that a method does not include."""
 UNSEEN = "unseen"
 """`Finding.what` for an effect that a method cannot detect."""
 _NO_CAUSE = (
@@ -76,7 +78,10 @@ _REMEDIES = (
     "use ",
     "wait ",
 )  # how the last clause of a finding begins if it says what to do
-_REVERSED = "the accelerometers or the gyros have the wrong sign"
+_CAUSES = {
+    OPPOSITE_SIGN: "the accelerometers or the gyros have the wrong sign",
+    COARSE_READINGS: "rounding, whose errors this method does not include",
+}  # by `Finding.what`: no other cause can be tested while one of these is present
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
 
@@ -150,9 +155,9 @@ def verdict(
     graded = grade_estimate(estimate, sensor, assessment, findings, tuple(far))
     unseen = _undetectable(estimate, sensor, assessment)
     exact = undetectable_exact_parameters(estimate, sensor, expected)
-    reverse = any(one.what == OPPOSITE_SIGN for one in findings)
+    known = next((_CAUSES[one.what] for one in findings if one.what in _CAUSES), "")
     steps = [
-        *(() if reverse else _steps_on_cause(assessment, advisor, tuple(far), row_word, row)),
+        *(() if known else _steps_on_cause(assessment, advisor, tuple(far), row_word, row)),
         *_steps_on_undetectable(unseen, sensor, advisor, possible),
         *(
             _Step(
@@ -196,7 +201,7 @@ def verdict(
     if not graded.reasons and (factor := _noise_factor(findings)):
         word = f"{word}, but U is too large"
         why = f"the residuals are {factor} times smaller than noise and bench imply"
-    cause = next(iter(far.values()), _REVERSED * reverse)
+    cause = next(iter(far.values()), known)
     lines = (
         _first_line(word, why),
         fit(added),
@@ -306,11 +311,11 @@ def _steps_on_findings(
 ) -> Iterator[_Step]:
     """Yield steps that resolve findings: changes that add coefficients, or other remedies."""
     given = {word for one in steps if one.advice for word in one.advice.coefficients}
-    for finding in findings:
+    for finding in sorted(findings, key=lambda one: one.what not in _CAUSES):
         advice = Advice(finding.what, finding.changes)
         if set(advice.coefficients) - given and (tried := advisor.on_changes(advice)):
             yield _Step(_sentence(_changes_words(tried)), tried)
-        elif finding.severity != "note":
+        elif finding.severity != "note" or finding.what in _CAUSES:
             remedy = finding.message.rpartition("; ")[2]
             if remedy.startswith(_REMEDIES):
                 yield _Step(f"{_sentence(remedy)}.")

@@ -284,5 +284,5 @@ def _rounding_notes(sensor: Sensor, channels: Sequence[RoundedChannel]) -> tuple
                 if kind == "w"
                 else "each mean has this rounding error (k = 2)"
             )
-            notes.append(f"{what}; {effect}, and U includes it: {errors} {quantity.bias_unit}")
+            notes.append(f"{what}; {effect}: {errors} {quantity.bias_unit}")
     return tuple(notes)

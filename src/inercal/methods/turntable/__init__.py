@@ -13,6 +13,7 @@ import numpy as np
 from inercal.basics.parameters import Parameter
 from inercal.basics.units import format_quantity
 from inercal.benches.turntable.bench import Turntable
+from inercal.calibration.verdict import COARSE_READINGS
 from inercal.estimation import Estimate
 from inercal.methods import Fit, Remarks
 from inercal.physics.plan import TableStep
@@ -24,6 +25,7 @@ from inercal.recordings import Finding, Track
 _MAX_DEVIATION_SD = 4.0
 _MAX_SD_RATIO = 0.8  # of the stated deviation; above it, under a third of the weight is from data
 _SOURCE_BIAS_SD = radians(0.004) / 60  # rad/s
+_ROUNDING = "U does not include the rounding errors of the readings"
 _BENCH_KEYS = {
     "lean_x": "lean", "lean_y": "lean", "square_1": "square", "square_2": "square",
     "azimuth": "azimuth", "latency": "latency", "clock": "clock", "g": "gravity",
@@ -46,6 +48,17 @@ def remarks(fit: Fit[Turntable, TableStep]) -> Remarks:
         notes = (source_noise_note(fit.sensor, track),)
     stated = fit.bench.nuisances(fit.steps, fit.sensor)
     return Remarks(stated_value_findings(fit.estimate, stated), notes)
+
+
+def remarks_on_samples(fit: Fit[Turntable, TableStep]) -> Remarks:
+    """Return the remarks of a method that takes the errors of successive samples as independent."""
+    found, rounding = remarks(fit), fit.observations.rounding
+    if rounding is None or not rounding.channels:
+        return found
+    finding = Finding("note", COARSE_READINGS, f"{_ROUNDING}; use turntable_discrete")
+    return found._replace(
+        findings=(finding, *found.findings), notes=(*found.notes, f"{_ROUNDING}.")
+    )
 
 
 def source_noise_note(sensor: Sensor, track: Track) -> str:

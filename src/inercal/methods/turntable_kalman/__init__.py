@@ -163,7 +163,7 @@ def _partial_estimate(one: _AnyRunningFilter) -> PartialEstimate:
 
 def _remarks(fit: Fit[Any, Any], configs: Mapping[str, FilterConfig] = FILTER_CONFIGS) -> Remarks:
     """Return the turntable's remarks, with the filters' actual settings as conditions."""
-    found = turntable.remarks(fit)
+    found = turntable.remarks_on_samples(fit)
     conditions = filter_conditions(configs[fit.estimator], fit.estimator)
     return found._replace(conditions={**found.conditions, **conditions})
 

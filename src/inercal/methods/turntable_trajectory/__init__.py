@@ -28,7 +28,7 @@ from inercal.methods.turntable import (
     DEFAULT_COEFFICIENTS,
     FURTHER_COEFFICIENTS,
     model,
-    remarks,
+    remarks_on_samples,
     score_columns,
 )
 from inercal.methods.turntable.score_columns import ConstantColumn
@@ -324,7 +324,7 @@ METHOD = Method(
     needs=(),
     plan=path_by_name,
     estimators={"trajectory": trajectory},
-    remarks=remarks,
+    remarks=remarks_on_samples,
     source="Generalised least squares (Aitken 1935), whitened by innovations (Kailath 1968)",
     triads_because="it carries whole vectors from sample to sample",
 )

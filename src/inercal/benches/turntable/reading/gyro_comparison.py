@@ -12,8 +12,8 @@ second-order lag. Each gyro has its own parameters. The parameters start with th
 deviations below, and every window without a fault narrows them, so that a turn is compared with all
 turns before it. Biases may wander by 0.002 °/s and the stated instability, and τ by the stated rate
 of the readback's clock. The noise consists of the gyros' noise (stated, or as seen in the window if
-that is more) and the readback's noise. If an interpolated readback nearly stands still, its angle
-is taken to be within 10″.
+that is more), the rounding errors of coarse readings and the readback's noise. If an interpolated
+readback nearly stands still, its angle is taken to be within 10″.
 
 With r = g − v minus its prediction, and W the inverse of its covariance, a fault with the signature
 s has the significance sᵀ W r / √(sᵀ W s). The signatures are, for each axis, a step at a knot, a
@@ -60,6 +60,7 @@ _ARRIVAL = 0.02  # s: uncertainty of the clocks if arrival times connect readbac
 _LAG = 1e-4  # s², standard deviation of κ
 _BIAS_WANDER = radians(0.002)  # rad/s from window to window
 _DELAY_WANDER = 5e-5  # s
+_REPEATS, _FEW_LEVELS = 0.5, 0.1  # shares of the readings: with fewer, noise hides the steps
 _NORMAL = 1.4826  # standard deviation over median absolute deviation for a normal distribution
 
 
@@ -143,6 +144,7 @@ class GyroComparison:
         self._wander[:, 1, 1] = hypot(bench.clock * _WINDOW, _DELAY_WANDER)
         self._waiting: list[Track] = []
         self._step = 0.0  # s between samples; 0 before there are any
+        self._coarse = np.zeros(len(gyros))  # rad/s, steps of readings whose noise is smaller
 
     def feed(self, track: Track) -> list[ReadbackDifference]:
         """Return the differences found in the windows that these samples complete.
@@ -190,6 +192,7 @@ class GyroComparison:
         """Return the differences in consecutive windows whose knots are the samples (w, n + 1)."""
         if not at.size:
             return []
+        self._coarse = np.maximum(self._coarse, _coarse_steps(track.reading[:, self._columns]))
         orders = np.array([h for h, _ in self._harmonics], dtype=float)
         windows = find_increments(
             self._bench, track, self._columns, self._inputs, orders, spacing, at
@@ -229,7 +232,9 @@ class GyroComparison:
         spread = (_NORMAL * _median(change)) ** 2 / 2
         excess = (spread - 1.5 * _median(knots.readback)) / _median(knots.dt)
         white = np.maximum(self._white**2, excess)
-        return knots.readback + white[:, None] * knots.dt + knots.dynamic
+        # The error of a coarse reading may stay the same during a whole window.
+        rounding = (self._coarse[:, None] * knots.dt) ** 2 / 12 * knots.dt.size
+        return knots.readback + white[:, None] * knots.dt + knots.dynamic + rounding
 
     def _noise_of_readback(self, knots: Increments, noise: Array) -> list[ReadbackDifference]:
         """Return the readback's noise if it is larger than stated."""
@@ -274,6 +279,15 @@ def gyro_comparison_findings(track: Track, sensor: Sensor, bench: Turntable) -> 
 
 
 _CAUSE = "; check the encoder, its cable and the controller"
+
+
+def _coarse_steps(reading: Array) -> Array:
+    """Return the steps of (n, g) readings that mostly repeat the previous one; 0 for others."""
+    change = np.abs(np.diff(reading, axis=0))
+    repeats = np.mean(change == 0, axis=0) > _REPEATS
+    few = np.array([np.unique(one).size < _FEW_LEVELS * one.size for one in reading.T])
+    least = np.min(change, axis=0, initial=inf, where=change > 0)
+    return np.where(repeats & few & (least < inf), least, 0.0)
 
 
 def _median(values: Array) -> Array:
