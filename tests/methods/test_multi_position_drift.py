@@ -33,7 +33,7 @@ def test_the_drift_of_each_axis_is_in_the_covariance_of_all_rows() -> None:
             moved[:, axis] += 1e-5 * course[:, axis]
             drifted = replace(rests, observations=replace(rests.observations, mean=moved))
             drifted.__dict__["cross_directions"] = rests.cross_directions
-            change = drifted.rows(x, rows.attitude).residual - rows.residual
+            change = drifted.rows(x, rows).residual - rows.residual
             columns.append(1e5 * change)
     drift = np.stack(columns, axis=-1)
     inverse = np.linalg.inv(known)

@@ -270,11 +270,12 @@ class Rests:
 
         return at
 
-    def rows(self, x: Array, attitude: Array | None = None) -> ResidualRows:
+    def rows(self, x: Array, started: ResidualRows | None = None) -> ResidualRows:
         """Return all rows at x = (c, g, ω_e, τ, ε), (p + 8,).
 
-        The attitudes that the earth's rate needs are computed from x unless they are given. The
-        derivatives are exact if the attitudes are constant within a fit.
+        The attitudes that the earth's rate needs, and the sensitivity of the rotations to rounding,
+        are computed from x, or those at the start of a fit are used. Only then are the derivatives
+        exact.
         """
         at = self.norms(x)
         p, a = len(self.sensor.coefficients), len(self.force.coefficients)
@@ -288,7 +289,8 @@ class Rests:
         before, after = self.transitions.rest, self.transitions.rest + 1
         earth = slice(p + 1, p + 4)
         way = self._cached_rotations(x[:p].tobytes(), float(x[p + 4]))
-        to_level = self._attitudes(at, way) if attitude is None else attitude
+        to_level = None if started is None else started.attitude
+        to_level = self._attitudes(at, way) if to_level is None else to_level
         by_earth = to_level[after] * self.transitions.duration[:, None, None]
         turns = rotation_residuals(
             before, way, at.specific_force, self.cross_directions, by_earth @ x[earth]
@@ -306,6 +308,8 @@ class Rests:
         ramps = sum(self.ramp_sensitivities(turns))
         between = -turns.to_end_turn @ turns.way.to_bias - ramps
         of_turns[..., shared] = ramps + between * self._still_shares[:, None]
+        if started is not None:
+            of_turns[..., shared] = started.jacobian[r : -3 * r, shared].reshape(-1, 2, 3)
         of_rates[:, shared] = np.tile(np.eye(3), (r, 1))
         of_rounding = of_turns[..., shared] @ x[shared]
         return ResidualRows(

@@ -199,7 +199,7 @@ def _fit(
     def linearise(part: Array) -> tuple[Array, Array]:
         moved = x.copy()
         moved[free] = part
-        rows = rests.rows(moved, started.attitude)
+        rows = rests.rows(moved, started)
         both = whiten(np.column_stack([rows.residual, rows.jacobian[:, free]]))
         below = np.zeros((more.size, free.size))
         return np.concatenate([both[:, 0], more]), np.concatenate([both[:, 1:], below])
@@ -207,7 +207,7 @@ def _fit(
     def left_out(part: Array) -> Iterator[Candidate]:
         moved = x.copy()
         moved[free] = part
-        rows = rests.rows(moved, started.attitude)
+        rows = rests.rows(moved, started)
         for one in candidates(rests, rows, moved):
             white = whiten(one.rows)
             if changed is not None:
