@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.fleet.lines import make_line, readings, write_table
+from tests.fleet.lines import TEMPLATE, make_line, readings, write_table
 from tests.program import run_program
 
 pytest.importorskip("pyarrow")
@@ -59,3 +59,32 @@ def test_one_recording_may_contain_the_columns_of_several_sensors(tmp_path: Path
     write_table(folder, rows, ("first",))
     made = json.loads(run_program("fleet", "calibrate", folder, "--json").output)
     assert (made["done"], made["same_recording"]) == (2, [])
+
+
+def test_noisy_and_failing_sensors_are_named_and_failures_lower_the_yield(tmp_path: Path):
+    white = TEMPLATE.replace('unit = "g"', 'unit = "g"\nwhite = "14 µg/√Hz"')
+    folder = make_line(tmp_path, 8, template=white + '[specification.limits]\nbias = "± 60 mg"\n')
+    changed = {
+        "S003": lambda x: x + np.random.default_rng(3).normal(0, 3e-3, x.size),
+        "S005": lambda x: x + 0.2,
+        "S006": lambda x: -x,
+    }
+    for name, change in changed.items():
+        columns, _ = readings(int(name[1:]))
+        path = folder / "recordings" / f"{name}.npz"
+        np.savez(path, allow_pickle=False, **columns | {"x": change(columns["x"])})
+    page = tmp_path / "page.html"
+    ended = [
+        run_program("fleet", "calibrate", folder),
+        run_program("fleet", "status", folder),
+        run_program("fleet", "report", folder, "--out", page),
+    ]
+    for text in (*(one.output for one in ended), page.read_text(encoding="utf-8")):
+        assert all(name in text for name in changed)
+    for verb in ("calibrate", "status", "report"):
+        found = json.loads(run_program("fleet", verb, folder, "--json").output)
+        assert found["reservations"].keys() >= found["large_u"].keys() == {"S003"}
+        assert found["large_u"]["S003"]["ratio"] > 3
+        assert found["failing"] == {"S005": "fail"}
+    assert (found["yield"][0]["pass"], found["yield"][0]["share"]) == (6, 6 / 8)
+    assert found["yield"][0]["without a usable result"] == 1

@@ -104,6 +104,7 @@ def calibrate(
     content: dict[str, Any] = {
         **vars(counts), "results": str(folder),
         **{key: found.as_object()[key] for key in ("unreliable", "same_recording")},
+        **found.named_sensors(),
     }  # fmt: skip
     if register is not None:
         from inercal.fleet.latest import enter_results

@@ -15,7 +15,9 @@ def summary_lines(found: statistics.FleetStatistics) -> tuple[str, list[str]]:
     count = format_count(len(population.ids), "sensor")
     if found.yields:
         first = found.yields[0]
-        summary = f"{100 * first.share:.4g} % of {count} pass ({rule_text(first)})"
+        count = format_count(first.sensors, "sensor")
+        without = f"; {first.unjudged} without a usable result" * bool(first.unjudged)
+        summary = f"{100 * first.share:.4g} % of {count} pass ({rule_text(first)}{without})"
     else:
         summary = count
     return summary, _findings(found)
@@ -74,6 +76,7 @@ def statistics_object(found: statistics.FleetStatistics) -> dict[str, object]:
         "outdated": population.outdated,
         "unreliable": dict(population.status.unreliable),
         "same_recording": [list(names) for names in population.status.same_recording],
+        **population.status.named_sensors(),
         "coefficients": [_coefficient_object(one) for one in found.coefficients],
         "lots": _group_objects(found.lots, population.names),
         "stations": _group_objects(found.stations, population.names),
@@ -85,7 +88,13 @@ def statistics_object(found: statistics.FleetStatistics) -> dict[str, object]:
             vars(one) for one in found.contrasts if one.of not in statistics.TRENDS
         ],
         "yield": [
-            {"rule": one.rule.name, "factor": one.rule.factor, "share": one.share, **one.counts}
+            {
+                "rule": one.rule.name,
+                "factor": one.rule.factor,
+                "share": one.share,
+                **one.counts,
+                "without a usable result": one.unjudged,
+            }
             for one in found.yields
         ],
         "control_charts": {

@@ -25,9 +25,10 @@ from inercal.physics.sensors.coefficient_tables import ErrorTerm
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 _COLUMNS = (
-    *STATUS_COLUMNS, "lot", "station", "measured", "coefficients", "value", "std", "chi2", "dof",
+    *STATUS_COLUMNS, "lot", "station", "measured", "value", "chi2", "dof",
 )  # fmt: skip
 _DAY = 86_400.0  # s
+_WAITING = "without a result yet"
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,11 @@ class Population:
     outdated: int
     status: LineStatus
 
+    @property
+    def unjudged(self) -> int:
+        """Number of sensors that were calibrated or failed, but are not in the arrays."""
+        return sum(count for reason, count in self.left_out.items() if reason != _WAITING)
+
 
 def read_population(line: Line, folder: Path) -> Population:
     """Read the results of a line.
@@ -145,8 +151,8 @@ def read_population(line: Line, folder: Path) -> Population:
         tuple(table["id"].to_pylist()),
         names,
         tuple(sensor.coefficient(name) for name in names),
-        _matrix(table["value"], len(names)),
-        _matrix(table["std"], len(names)),
+        results.matrix(table["value"], len(names)),
+        results.matrix(table["std"], len(names)),
         _grouping(table["lot"].to_pylist()),
         _grouping(table["station"].to_pylist()),
         np.array([_days(text) for text in table["measured"].to_pylist()]),
@@ -166,7 +172,7 @@ def _left_out(
     ours = [one for k, one in zip(known, status, strict=True) if k >= 0]
     calibrated = sum(one == results.DONE for one in ours)
     counts = {
-        "without a result yet": sensors - len(ours),
+        _WAITING: sensors - len(ours),
         "failed or lost": len(ours) - calibrated,
         "not to be relied on": calibrated - sum(done),
         "with other coefficients": sum(done) - kept,
@@ -181,11 +187,6 @@ def _limits_differ(line: Line) -> bool:
     return any(f"{{{name}" in stated for name in line.placeholders) or any(
         name.startswith("specification.") for name in columns
     )
-
-
-def _matrix(column: Any, p: int) -> Array:
-    flat: Array = column.combine_chunks().flatten().to_numpy()
-    return flat.reshape(-1, p)
 
 
 def _numbers(column: Any) -> Array:

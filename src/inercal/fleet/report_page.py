@@ -162,9 +162,14 @@ def _capability_cells(one: Capability | None) -> tuple[str, str]:
 
 
 def _yield_table(yields: Sequence[RuleYield]) -> PrintedTable:
-    heads = ("rule", "yield", "pass", "conditional pass", "conditional fail", "fail")
+    heads = ("rule", "yield", "pass", "conditional pass", "conditional fail", "fail",
+             "without a usable result")  # fmt: skip
     rows = [
-        (rule_text(one), f"{100 * one.share:.4g} %", *(str(count) for count in one.counts.values()))
+        (
+            rule_text(one),
+            f"{100 * one.share:.4g} %",
+            *map(str, (*one.counts.values(), one.unjudged)),
+        )
         for one in yields
     ]
     return PrintedTable(heads, rows)

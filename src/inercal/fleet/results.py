@@ -72,6 +72,12 @@ def lower_triangle(matrix: Array) -> list[float]:
     return matrix[np.tril_indices(len(matrix))].tolist()
 
 
+def matrix(column: Any, p: int) -> Array:
+    """Return a column of lists of p numbers, without nulls, as an array (n, p)."""
+    flat: Array = column.combine_chunks().flatten().to_numpy()
+    return flat.reshape(-1, p)
+
+
 @dataclass(frozen=True)
 class ResultWriter:
     """Writer for the results of one run; all these results have the same generation.

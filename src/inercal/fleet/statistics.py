@@ -121,15 +121,29 @@ class Outlier:
 
 @dataclass(frozen=True)
 class RuleYield:
-    """Number of sensors with each result under a decision rule."""
+    """Number of sensors with each result under a decision rule.
+
+    Parameters
+    ----------
+    rule : DecisionRule
+    counts : mapping of str to int
+    unjudged : int
+        Number of sensors that have no usable result, although they were calibrated or failed.
+    """
 
     rule: DecisionRule
     counts: dict[str, int]
+    unjudged: int = 0
+
+    @property
+    def sensors(self) -> int:
+        """Return the number of sensors that the yield includes."""
+        return sum(self.counts.values()) + self.unjudged
 
     @property
     def share(self) -> float:
-        """Return the share of the sensors that pass."""
-        return self.counts["pass"] / max(sum(self.counts.values()), 1)
+        """Return the share of the sensors that pass; a sensor without a result does not pass."""
+        return self.counts["pass"] / max(self.sensors, 1)
 
 
 @dataclass(frozen=True)
@@ -304,7 +318,7 @@ def _outliers(population: Population) -> tuple[Indices, tuple[Outlier, ...]]:
 def _yields(population: Population) -> list[RuleYield]:
     """Return the yields under the template's decision rule and under the other common rules."""
     if population.judged is not None:
-        return [RuleYield(*population.judged)]
+        return [RuleYield(*population.judged, population.unjudged)]
     specification = population.specification
     if specification is None:
         return []
@@ -322,5 +336,6 @@ def _yields(population: Population) -> list[RuleYield]:
     for rule in rules:
         worst = judge(value, lower, upper, rule.guard(std)).max(axis=1)
         counts = np.bincount(worst, minlength=len(RESULTS)).tolist()
-        found.append(RuleYield(rule, dict(zip(RESULTS, counts, strict=True))))
+        judged = dict(zip(RESULTS, counts, strict=True))
+        found.append(RuleYield(rule, judged, population.unjudged))
     return found

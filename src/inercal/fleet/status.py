@@ -7,16 +7,21 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from inercal.basics.units import format_count
 from inercal.calibration.grade import GRADE_WORDS
 from inercal.estimation.uncertainty.conformity import RESULTS
+from inercal.estimation.uncertainty.robust import robust_scale
 from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import RECORDING, Line
 
 _NAMES = 1000  # largest number of sensors listed for a reason
 _LINES, _NAMED = 10, 3  # largest number of printed lines of a kind, and of sensors in a line
-STATUS_COLUMNS = ("error", "grade", "conformity", "verdict")
+_LEAST_ALIKE = 5  # smallest number of sensors whose U is compared
+_LARGE, _SCATTER = 3.0, 5.0  # an unusual U: times the median, robust standard deviations of log U
+STATUS_COLUMNS = ("error", "grade", "conformity", "verdict", "coefficients", "std")
 """Columns that `table_status` needs in addition to those that decide which result is valid."""
 
 _USED = ("id", "status", "error", "grade", "conformity", "recording", "recording_sha256")
@@ -42,6 +47,13 @@ class LineStatus:
         The main reason why a result is not to be relied on, by sensor id.
     same_recording : sequence of (sequence of str)
         Ids of sensors that were calibrated from the same columns of identical recordings.
+    reservations : mapping of str to str
+        The main reason why a result is usable with reservations only, by sensor id.
+    failing : mapping of str to str
+        The result of [specification] of each sensor that fails it, by sensor id.
+    large_u : mapping of str to (str, float)
+        The coefficient whose U is unusually large and the ratio of this U to the median of the
+        line, by sensor id.
     """
 
     counts: Mapping[str, int]
@@ -50,6 +62,9 @@ class LineStatus:
     outdated: Mapping[str, str]
     unreliable: Mapping[str, str]
     same_recording: Sequence[Sequence[str]]
+    reservations: Mapping[str, str]
+    failing: Mapping[str, str]
+    large_u: Mapping[str, tuple[str, float]]
 
     def as_object(self) -> dict[str, Any]:
         """Return the status as a JSON object."""
@@ -61,19 +76,42 @@ class LineStatus:
             "reasons": listed,
             "unreliable": dict(self.unreliable),
             "same_recording": [list(names) for names in self.same_recording],
+            **self.named_sensors(),
         }
 
+    def named_sensors(self) -> dict[str, Any]:
+        """Return the sensors with usable results that need attention, as JSON objects by kind."""
+        large = {k: {"coefficient": of, "ratio": r} for k, (of, r) in self.large_u.items()}
+        return {
+            "reservations": dict(self.reservations), "failing": dict(self.failing), "large_u": large
+        }  # fmt: skip
+
     def attention_lines(self) -> list[str]:
-        """Return lines that name sensors without a reliable result, and repeated recordings."""
+        """Return lines that name the sensors that need attention, and repeated recordings."""
         bad = [f"{name} is not to be relied on: {why}" for name, why in self.unreliable.items()]
         alike = [
             f"{_some(names)} have the same recording; check the column {RECORDING}"
             for names in self.same_recording
         ]
         failed = [f"{_some(names)}: {reason}" for reason, names in self.reasons]
+        kept = [
+            f"{_some(names)}: usable with reservations: {why}"
+            for why, names in _by_value(self.reservations).items()
+        ]
+        beyond = [
+            f"{_some(names)}: {result} by [specification]"
+            for result, names in _by_value(self.failing).items()
+        ]
+        large = [
+            f"{name}: U of {of} is {ratio:.2g} times the median of the line"
+            for name, (of, ratio) in self.large_u.items()
+        ]
         return [
             *_first(failed, "reason for a missing result", "reasons for missing results"),
             *_first(bad, "sensor is not to be relied on", "sensors are not to be relied on"),
+            *beyond,
+            *_first(kept, "reason for reservations", "reasons for reservations"),
+            *_first(large, "sensor has a large U", "sensors have a large U"),
             *_first(
                 alike, "recording is used more than once", "recordings are used more than once"
             ),
@@ -85,6 +123,13 @@ def _some(names: Sequence[str]) -> str:
     if len(names) > _NAMED:
         return f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more"
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def _by_value(found: Mapping[str, str]) -> dict[str, list[str]]:
+    names: dict[str, list[str]] = {}
+    for name, value in found.items():
+        names.setdefault(value, []).append(name)
+    return names
 
 
 def _first(lines: Sequence[str], one: str, several: str) -> list[str]:
@@ -109,8 +154,12 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
 def table_status(line: Line, table: results.Table) -> LineStatus:
     """Return the status of a line from its valid results (`latest_results`)."""
     pc: Any = import_module("pyarrow.compute")
-    # A verdict is long, so only those of unreliable results are converted.
-    bad = table.filter(pc.field("grade") == "unreliable").select(["id", "verdict"]).to_pylist()
+    # A verdict is long, so those of consistent results are not converted.
+    doubtful = table.filter(pc.field("grade") != "consistent")
+    why: dict[str, dict[str, str]] = {grade: {} for grade in GRADE_WORDS}
+    for row in doubtful.select(["id", "grade", "verdict"]).to_pylist():
+        first = row["verdict"].partition("\n")[0].partition(": ")[2]
+        why[row["grade"]][row["id"]] = first.removesuffix(".")
     rows = table.select([*_USED, OUTDATED]).to_pylist()
     counts: Counter[str] = Counter()
     reasons: dict[str, list[str]] = {}
@@ -130,19 +179,40 @@ def table_status(line: Line, table: results.Table) -> LineStatus:
         (exact[names[0]] if len(names) == 1 else reason, names)
         for reason, names in sorted(reasons.items(), key=lambda item: -len(item[1]))
     ]
-    judged = Counter(
-        row["conformity"]
+    usable = {
+        row["id"]: row["conformity"]
         for row in rows
-        if row["status"] == results.DONE and row["grade"] != "unreliable"
-    )
+        if row["status"] == results.DONE and row["grade"] != "unreliable" and row["conformity"]
+    }
+    judged = Counter(usable.values())
     conformity = {result: judged[result] for result in RESULTS if judged[result]}
     shown = {what: n for what, n in counts.items() if n}
-    unreliable = {
-        row["id"]: row["verdict"].partition("\n")[0].partition(": ")[2].removesuffix(".")
-        for row in bad
-    }
-    alike = _same_recording(line, rows)
-    return LineStatus(shown, ranked, conformity, outdated, unreliable, alike)
+    failing = {name: result for name, result in usable.items() if result.endswith("fail")}
+    return LineStatus(
+        shown, ranked, conformity, outdated, why["unreliable"], _same_recording(line, rows),
+        why["reservations"], failing, _large_u(table),
+    )  # fmt: skip
+
+
+def _large_u(table: results.Table) -> dict[str, tuple[str, float]]:
+    """Return the sensors whose U is unusually large, compared with that of similar sensors."""
+    pc: Any = import_module("pyarrow.compute")
+    done = table.filter((pc.field("status") == results.DONE) & (pc.field("grade") != "unreliable"))
+    found: dict[str, tuple[str, float]] = {}
+    for names in pc.unique(done["coefficients"]).to_pylist():
+        alike = done.filter(pc.field("coefficients") == names)
+        if len(alike) < _LEAST_ALIKE:
+            continue
+        std = results.matrix(alike["std"], len(names.split()))
+        known = np.flatnonzero((std > 0).all(axis=0))
+        log = np.log(std[:, known])
+        log -= np.median(log, axis=0)
+        excess = log / np.maximum(np.log(_LARGE), _SCATTER * robust_scale(log))
+        for row in np.flatnonzero(excess.max(axis=1, initial=0.0) > 1).tolist():
+            k = int(np.argmax(excess[row]))
+            name = names.split()[known[k]]
+            found[alike["id"][row].as_py()] = (name, float(np.exp(log[row, k])))
+    return found
 
 
 def _same_recording(line: Line, rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
