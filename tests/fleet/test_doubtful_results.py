@@ -86,5 +86,7 @@ def test_noisy_and_failing_sensors_are_named_and_failures_lower_the_yield(tmp_pa
         assert found["reservations"].keys() >= found["large_u"].keys() == {"S003"}
         assert found["large_u"]["S003"]["ratio"] > 3
         assert found["failing"] == {"S005": "fail"}
+    (failed,) = json.loads(run_program("fleet", "status", folder, "--json").output)["reasons"]
+    assert failed["reason"].startswith("recordings/S006.npz: ")
     assert (found["yield"][0]["pass"], found["yield"][0]["share"]) == (6, 6 / 8)
     assert found["yield"][0]["without a usable result"] == 1

@@ -74,7 +74,22 @@ def test_a_line_is_calibrated_said_and_exported(line: Path, tmp_path: Path):
     assert abs(bias - 1e6 * readings(1)[1][0]) < 2 * u
     assert rows[2]["ax.k0 [µg]"] == ""
     assert len(pandas.read_parquet(line / results.FOLDER)) == 6
-    assert run_program("fleet", "export", line, tmp_path / "sensors.csv").status == 0
+
+
+@pytest.mark.parametrize("more", [(), ("--sensor", "S001")])
+def test_an_edited_export_is_only_overwritten_with_force(
+    line: Path, tmp_path: Path, more: tuple[str, ...]
+):
+    run_program("fleet", "calibrate", line)
+    path = tmp_path / "sensors.csv"
+    exported = ("fleet", "export", line, path, *more)
+    assert run_program(*exported).status == 0
+    made = path.read_bytes()
+    path.write_bytes(edited := made + b"mine\n")
+    assert run_program(*exported).status == 2
+    assert path.read_bytes() == edited
+    assert run_program(*exported, "--force").status == 0
+    assert path.read_bytes() == made
 
 
 def test_the_calibration_file_of_one_sensor_is_exported(line: Path, tmp_path: Path):

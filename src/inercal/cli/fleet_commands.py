@@ -28,7 +28,6 @@ _WORKER_MODULES = """
 """
 _POLL = 0.5  # s
 _REPORT = "report.html"
-_TOLD_BY = 7  # columns by which our own table is recognised
 app = typer.Typer(
     help="Calibrate the sensors of a production line, and compare them.", no_args_is_help=True
 )
@@ -229,7 +228,7 @@ def export(
     from inercal.calibration.files import save
     from inercal.calibration.outdated import OUTDATED
     from inercal.fleet import results
-    from inercal.fleet.export import COLUMNS, export_files, export_table, sensor_calibration
+    from inercal.fleet.export import export_files, export_table, sensor_calibration
     from inercal.fleet.line import read_line
 
     folder = line / results.FOLDER if out is None else out
@@ -267,9 +266,8 @@ def export(
     ):
         if given:
             raise InputError(f"{option} needs --to: name a target", key=option)
-    table = OutputKind("table of sensors", ",".join(COLUMNS[:_TOLD_BY]).encode())
-    kind = CALIBRATION if sensor is not None else table
-    check_outputs({path: kind}, force=force or None)
+    kind = CALIBRATION if sensor is not None else OutputKind("table of sensors")
+    check_outputs({path: kind}, force=force, key="PATH")
     read = read_line(line)
     if sensor is not None:
         calibration = sensor_calibration(read, folder, sensor)

@@ -50,7 +50,11 @@ def table_kind(name: str, columns: Iterable[str]) -> OutputKind:
 
 
 def check_outputs(
-    files: Mapping[Path, OutputKind], inputs: Iterable[Path] = (), *, force: bool | None = None
+    files: Mapping[Path, OutputKind],
+    inputs: Iterable[Path] = (),
+    *,
+    force: bool | None = None,
+    key: str = "--out",
 ) -> None:
     """Raise an error if an output file would destroy something or cannot be written.
 
@@ -65,6 +69,8 @@ def check_outputs(
         The files that the verb reads.
     force : bool or None
         Whether to overwrite any regular file except an input; None if the verb has no `--force`.
+    key : str
+        The option or argument that names the files.
 
     Raises
     ------
@@ -80,10 +86,10 @@ def check_outputs(
             _check_existing(path, target, kind, read, force)
             if kind == PAGE and path.suffix.lower() not in (".html", ".htm"):
                 raise InputError(
-                    f"--out {path}: the page is HTML; give the name of an .html file", file=path
+                    f"{path}: the page is HTML; give the name of an .html file", file=path
                 )
         except InputError as error:
-            error.key = "--out"
+            error.key = key
             raise
         if (other := targets.setdefault(target, path)) != path:
             raise InputError(f"{path} and {other} are the same file: name another", file=path)
@@ -111,7 +117,7 @@ def check_output_folder(
     check_outputs({folder / name: kind for name in files}, inputs, force=force)
     if folder.is_dir() and any(folder.iterdir()) and not (folder / files[0]).is_file():
         raise InputError(
-            f"--out {folder}: the folder is not empty and is not an earlier export of this "
+            f"{folder}: the folder is not empty and is not an earlier export of this "
             "calibration; name a new folder",
             file=folder,
             key="--out",
@@ -204,11 +210,11 @@ def _check_folder(path: Path, folder: Path) -> None:
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror}", file=path) from None
     if not is_folder:
-        raise InputError(f"--out {path}: {base} is not a folder; name another", file=path)
+        raise InputError(f"{path}: {base} is not a folder; name another", file=path)
     if not os.access(base, os.W_OK | os.X_OK):
-        raise InputError(f"--out {path}: no permission to write to {base}", file=path)
+        raise InputError(f"{path}: no permission to write to {base}", file=path)
     if base.stat().st_nlink == 0:
-        raise InputError(f"--out {path}: the working directory was deleted", file=path)
+        raise InputError(f"{path}: the working directory was deleted", file=path)
 
 
 def _check_existing(
@@ -218,19 +224,15 @@ def _check_existing(
     if identity is None:
         return
     if identity in read:
-        raise InputError(
-            f"--out {path}: the file is an input of this run; name another file", file=path
-        )
+        raise InputError(f"{path}: the file is an input of this run; name another file", file=path)
     if force or (force is None and kind.mark and kind.mark in _head(path)):
         return
     if force is None:
         raise InputError(
-            f"{path} exists but is not an inercal {kind.name}: choose another --out, or move it",
+            f"{path} exists but is not an inercal {kind.name}: name another file, or move it",
             file=path,
         )
-    raise InputError(
-        f"{path} exists: name another file with --out, or overwrite it with --force", file=path
-    )
+    raise InputError(f"{path} exists: name another file, or overwrite it with --force", file=path)
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
