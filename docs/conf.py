@@ -27,6 +27,7 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sphinx = False
 html_copy_source = False
+smartquotes = False  # --option and "quotes" in texts must stay as a shell needs them
 html_show_sourcelink = False
 napoleon_use_rtype = False
 autodoc_typehints = "none"  # docstrings state types with shapes and units

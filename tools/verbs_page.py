@@ -47,7 +47,7 @@ def _plain(text: str | None) -> str:
 def _form(one: Any) -> str:
     """Return how a parameter is written: all names, then its value."""
     if one.param_type_name == "argument":
-        name = (one.metavar or one.name).upper().rstrip("…")
+        name = (one.metavar or one.name).upper().rstrip("…").replace("|", "\\|")
         return f"`{name}`" if one.nargs == 1 else f"`{name} …`"
     value = "" if one.is_flag else f" {one.metavar or one.name.upper()}"
     names = [*one.opts, *one.secondary_opts]

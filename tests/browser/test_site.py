@@ -1,5 +1,6 @@
 """The documentation site: built without a warning, read offline, narrow too, and searched."""
 
+import html
 import subprocess
 import sys
 from pathlib import Path
@@ -38,6 +39,13 @@ def test_every_page_of_the_index_is_in_the_site(site: Path):
     pages = {path.relative_to(DOCS).with_suffix("") for path in DOCS.rglob("*.md")}
     missing = {page for page in pages if not (site / page).with_suffix(".html").is_file()}
     assert not missing
+
+
+@pytest.mark.slow
+def test_options_can_be_copied_from_the_page_of_verbs(site: Path):
+    text = html.unescape((site / "reference/verbs.html").read_text(encoding="utf-8"))
+    assert '--set "data.rate=100 Hz"' in text
+    assert not set(text) & set("–“”")
 
 
 @pytest.mark.slow
