@@ -9,6 +9,7 @@ from tests.refusals import refused
 from inercal.basics.errors import InputError
 from inercal.host.journal import Journal
 from inercal.host.run_folder import RunFolder, create_run, reopen_run
+from inercal.host.web.runs import Runs
 from inercal.runfile import read
 
 TABLE, IMU = "pmac://10.0.0.5:1025?motors=1,2,3&counts=3600000", "tcp://10.0.0.5:99?preset=fixed"
@@ -56,6 +57,15 @@ def begun(tmp_path: Path, clock: str = CLOCK) -> RunFolder:
     made, journal = create_run(tmp_path / "run", plan(tmp_path / "plan"), (TABLE, IMU, clock))
     journal.close()
     return made
+
+
+def test_a_run_that_checks_its_plan_or_calibrates_is_listed_as_running(tmp_path: Path):
+    made, runs = begun(tmp_path), Runs(tmp_path)
+    with made.locked():
+        assert runs.find("run").state == "running"
+        with refused(file="run"), made.locked():
+            pass
+    assert runs.find("run").state == "interrupted"
 
 
 @pytest.mark.parametrize("why", [InputError("nobody is there"), KeyboardInterrupt()])

@@ -93,7 +93,7 @@ def run(
     addresses = table, imu, clock
     further = assignments(also_imu or (), "--also-imu", "NAME=ADDRESS")
     result, journal = create_run(folder, plan, addresses, chamber=chamber, further_imus=further)
-    with journal, result.removed_on_failure():
+    with journal, result.removed_on_failure(), result.locked():
         with console.progress_status("checking the plan"):
             warnings = check_plan(plan)
         for words in warnings:
@@ -126,7 +126,7 @@ def resume(
     kept = None if register is None else console.open_register(register)
     further = assignments(also_imu or (), "--also-imu", "NAME=ADDRESS")
     result, journal = reopen_run(folder, (table, imu, clock), chamber, further)
-    with journal:
+    with journal, result.locked():
         _require_operator(result.run, answers, simulated=bool(journal.header().addresses[2]))
         _complete_run(result, journal, options, kept, operator, answers, explain=explain, json=json)
 
@@ -276,9 +276,10 @@ def simulate(
         positive_number("--rate", str(rate))
     paced = pace if pace == "granted" else positive_number("--pace", pace, ", or granted")
     with BenchSimulator(run_file, seed, preset, rate, paced, not tcp, imus) as bench:
-        print(f"chamber at {bench.chamber}", file=sys.stderr)
         clock = f" --clock {bench.clock}" if bench.clock else ""
         chamber = f" --chamber '{bench.chamber}'" if has_soaks(read(run_file)) else ""
+        if chamber:
+            print(f"chamber at {bench.chamber}", file=sys.stderr)
         also = "".join(f" --also-imu '{n}={at}'" for n, at in bench.further_imus.items())
         addresses = f"--table '{bench.table}' --imu '{bench.imu}'{also}{chamber}{clock}"
         print(f"inercal bench run {run_file} {addresses}")

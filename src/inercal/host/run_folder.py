@@ -25,7 +25,7 @@ from inercal.host.assembly.imu_samples import ReceivedSamples
 from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.journal import Journal, JournalHeader
 from inercal.host.recording_writer import require_recordable
-from inercal.host.run_log import os_errors_as_input_errors
+from inercal.host.run_log import lock_file, os_errors_as_input_errors
 from inercal.host.soaks import require_chamber
 from inercal.host.tasks import host_plan, required_rate
 from inercal.runfile import Run, read
@@ -71,6 +71,23 @@ class RunFolder:
                 with suppress(OSError):  # a folder that existed before may contain other files
                     self.path.rmdir()
             raise
+
+    @contextmanager
+    def locked(self) -> Generator[None]:
+        """Lock the run file in the folder during the block, so that others list the run as running.
+
+        The log is only locked while the table moves, but the run also checks and calibrates.
+
+        Raises
+        ------
+        InputError
+            Another process has locked the run file, or it cannot be opened.
+        """
+        with os_errors_as_input_errors(self.run.path, "read"):
+            file = self.run.path.open("rb+")
+        with file:
+            lock_file(file.fileno(), self.path, "another process drives this run; stop it first")
+            yield
 
     @property
     def log(self) -> Path:

@@ -23,6 +23,8 @@ def test_what_another_site_posts_is_refused(served: Served, watched: Page):
         answer = served.ask("/api/probe", "POST", b"{}", {"Origin": origin})
         assert answer.status == 403
     served.was_refused("'http://evil.example' is not this page's")
+    refusal = served.ask("/api/stop", "POST", b"{}", {"Origin": ""}).body.decode()
+    assert f"Origin with the address of the page, such as 'http://{served.host}'" in refusal
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])

@@ -270,7 +270,12 @@ class AccessMiddleware:
         if scope["method"] not in ("GET", "POST"):
             raise RequestRefused(405, f"{scope['method']} is not allowed here")
         if scope["method"] == "POST" and not self._access.is_same_origin(headers):
-            raise RequestRefused(403, f"origin {headers.get('origin', '')!r} is not this page's")
+            own = f"http://{headers.get('host', '')}"
+            raise RequestRefused(
+                403,
+                f"origin {headers.get('origin', '')!r} is not this page's; a command needs the "
+                f"header Origin with the address of the page, such as {own!r}",
+            )
         if scope["path"] != "/" and self._access.is_cross_site(headers):
             raise RequestRefused(403, "the request came from another site's page")
 

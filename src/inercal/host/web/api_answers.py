@@ -1,7 +1,8 @@
 """The answers of the read-only interface, with the fields that `interface.toml` declares.
 
 State, estimates and events are those of the page, and a result is that of ``inercal show --json``.
-All wall-clock times are ISO 8601 in UTC; all other times are in s since the start of the run.
+All wall-clock times are ISO 8601 in UTC; all other times are run times in s, which count from the
+start of the run, or on a simulated bench are the times of its clock.
 """
 
 from typing import Any

@@ -206,7 +206,7 @@ class Page:
             return JSONResponse({"words": str(error)}, 404)
 
     async def stop(self, request: Request) -> Response:
-        """Stop the table for any client, even a client without a websocket or a place."""
+        """Stop the table for everyone at the page, even without a websocket or a place."""
         try:
             requested = parse_object(await request.body() or b"{}")
             await self._hub.stop(requested.get("run"))

@@ -154,7 +154,7 @@ class Runs:
 
 def _stored_run(path: Path) -> StoredRun:
     """Return the run in a folder; if its journal cannot be read, its summary states why."""
-    stem, state = "", UNREADABLE
+    stem, state, starting = "", UNREADABLE, False
     summary: dict[str, Any] = {"id": path.name, "sensor": path.name, "begun": "", "report": False}
     try:
         with Journal(path / JOURNAL, read_only=True) as journal:
@@ -163,10 +163,11 @@ def _stored_run(path: Path) -> StoredRun:
         summary["trouble"] = str(error)
     else:
         stem = Path(header.run_file).stem
+        starting = is_locked(path / header.run_file)  # no log yet, or its calibration is computed
         state = "interrupted" if header.state == "running" else header.state
         summary |= {"sensor": _sensor_name(path / header.run_file), "begun": header.begun}
         summary["report"] = (path / f"{stem}.report.html").is_file()
-    summary["state"] = "running" if run_request.run_in_progress(path) else state
+    summary["state"] = "running" if starting or run_request.run_in_progress(path) else state
     return StoredRun(path, stem, summary)
 
 
