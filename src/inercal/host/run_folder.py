@@ -186,7 +186,7 @@ def create_run(
             with atomic_write(path / one) as temporary:
                 temporary.write_bytes(given or (run.path.parent / one).read_bytes())
     folder = RunFolder.open_existing(path, name)
-    with folder.removed_on_failure():
+    with folder.removed_on_failure(), folder.locked():
         journal = Journal.create(folder.journal, name, addresses, poll, len(host_plan(run).tasks))
         if chamber:
             journal.set_chamber(chamber)
