@@ -36,6 +36,13 @@ def test_two_gaps_stay_two_findings_and_are_one_reason():
     assert "b: cause" in lines
 
 
+def test_a_gap_leads_to_the_connection_and_not_to_the_stated_noise():
+    gap = Finding("warning", "gap", "1 gap, 43 s lost in all, after sample 412", None, 412, 414)
+    steps = dict.fromkeys(warned(gap)[1])
+    assert any("cable" in line and "record again" in line.lower() for line in steps)
+    assert not any("stated noise" in line for line in steps)
+
+
 def test_nineteen_equal_lines_are_one_that_says_how_many():
     equal = [Finding("warning", "slip", "a packet is lost", None, k, k + 1) for k in range(19)]
     (one,) = merge_findings(equal)

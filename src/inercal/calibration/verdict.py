@@ -70,6 +70,7 @@ _REMEDIES = (
     "look ",
     "measure ",
     "name ",
+    "record ",
     "remove ",
     "repeat ",
     "set ",
@@ -78,6 +79,7 @@ _REMEDIES = (
     "use ",
     "wait ",
 )  # how the last clause of a finding begins if it says what to do
+_REMEDIES_BY_KIND = {"gap": "record again, or check the cable and port of the sensor"}
 _CAUSES = {
     OPPOSITE_SIGN: "the accelerometers or the gyros have the wrong sign",
     COARSE_READINGS: "rounding, whose errors this method does not include",
@@ -212,7 +214,7 @@ def verdict(
         "" if added or cause or assessment.suspect is None else _alternatives_line(
             alternatives(assessment.suspect, estimate.score_tests, sensor, expected)
         ),
-        "" if graded.grade == "consistent" else _next_line(steps),
+        "" if graded.grade == "consistent" else _next_line(steps, assessment),
         _uncertainty_line(largest),
         _count_line(len(undetectable)),
     )  # fmt: skip
@@ -317,7 +319,9 @@ def _steps_on_findings(
             yield _Step(_sentence(_changes_words(tried)), tried)
         elif finding.severity != "note" or finding.what in _CAUSES:
             remedy = finding.message.rpartition("; ")[2]
-            if remedy.startswith(_REMEDIES):
+            if not remedy.startswith(_REMEDIES):
+                remedy = _REMEDIES_BY_KIND.get(finding.what, "")
+            if remedy:
                 yield _Step(f"{_sentence(remedy)}.")
 
 
@@ -332,9 +336,11 @@ def _first_line(word: str, why: str) -> str:
     return first_fit(f"{word}: {why}.", f"{word}: {short}.", f"{word}: {cut}")
 
 
-def _next_line(steps: Sequence[_Step]) -> str:
+def _next_line(steps: Sequence[_Step], assessment: Assessment) -> str:
     """Return a line with the first necessary step; keys to paste are never shortened."""
     if not (steps and steps[0].needed):
+        if assessment.tests and not assessment.rejects:
+            return f"{explanation.NEXT}read the warnings. {explanation.EXPLAIN}"
         return f"{explanation.NEXT}check the stated noise and bench, and read the warnings."
     text = f"{explanation.NEXT}{steps[0].text[:1].lower()}{steps[0].text[1:]}"
     return text if steps[0].has_keys else fit(text)
