@@ -340,6 +340,16 @@ def test_a_table_that_calibrate_could_not_read_is_not_written(
     assert [path.name for path in tmp_path.iterdir()] == ["run.toml"]
 
 
+@pytest.mark.parametrize("options", [("--positions", "3"), ("--positions", "2000")])
+def test_a_plan_without_a_run_file_names_the_option_and_no_file(
+    program: Program, options: tuple[str, str]
+):
+    status, printed, errors = program("multi-position", *options)
+    assert (status, printed) == (2, "")
+    assert errors.startswith(f"inercal: {' '.join(options)}: ")
+    assert ".toml" not in errors
+
+
 def test_a_column_of_temperature_is_in_the_table(program: Program, tmp_path: Path):
     run = changed(
         Path(shutil.copy(EXAMPLE, tmp_path / "run.toml")),

@@ -3,6 +3,7 @@
 Output of a plan: its steps, the expected uncertainties and the table to fill in.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from math import inf, isfinite
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import typer
 
 from inercal.basics.atomic_files import write_text
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InercalError, InputError
 from inercal.basics.units import format_duration
 from inercal.cli import console
 from inercal.cli.options import Force, Json, Scheduler, Workers, warn_of_root
@@ -343,6 +344,8 @@ def run(
     from inercal.methods import method as named
 
     keys: dict[str, object] = {}
+    given: dict[str, object] = {"--positions": positions, "--seconds": seconds}
+    packaged = False
     if method.lower().endswith(".toml"):
         if run_file is not None:
             raise InputError(f"--run: {method} is already a run file; give only one", key="--run")
@@ -354,6 +357,7 @@ def run(
         if named(method.replace("-", "_")).unknown_attitudes:
             from inercal.pipeline.design import default_run_file
 
+            packaged = run_file is None
             run_file = run_file or default_run_file()
             positions = _POSITIONS if positions is None else positions
             seconds = _SECONDS if seconds is None else seconds
@@ -378,4 +382,18 @@ def run(
         raise InputError("--trials works only with --optimise; remove it", key="--trials")
     with open_executor(workers, scheduler) as executor:
         warn_of_root(scheduler)
-        print_plan(run_file, keys, out, executor, force=force, json=json)
+        try:
+            print_plan(run_file, keys, out, executor, force=force, json=json)
+        except InercalError as error:
+            raise _error_of_options(error, run_file, given) if packaged else error from None
+
+
+def _error_of_options(
+    error: InercalError, packaged: Path, given: Mapping[str, object]
+) -> InercalError:
+    """Return an error in a plan without a run file, which names only what the user has given."""
+    text = re.sub(r"^\[method][\w ]*: ", "", str(error).removeprefix(f"{packaged}: "))
+    options = " ".join(f"{name} {value}" for name, value in given.items() if value is not None)
+    if not options or error.key == "--out":
+        return error
+    return InputError(f"{options}: {text}", key=options.partition(" ")[0], names=error.names)
