@@ -48,6 +48,10 @@ def inercal(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
             "No such option: --outt (Possible options: --auto, --out)",
         ),
         (("demo", "--seed", "many"), "Invalid value for '--seed': "),
+        (
+            ("certificate", "issue", "a.json", "--lab", "lab.toml", "--language", "fr"),
+            "Invalid value for '--language': 'fr' is not one of",
+        ),
         (("bench", "resume", "folder", "--patience"), "Option '--patience' requires an argument."),
     ],
 )

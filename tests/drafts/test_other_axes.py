@@ -10,6 +10,7 @@ from tests.refusals import refused
 from inercal.pipeline import calibrate
 from inercal.pipeline.drafts import Draft, draft_run_file
 
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "axes.md"
 PLAYER = Path(__file__).parents[2] / "examples" / "single_axis" / "record_player.csv"
 OBLIQUE = np.array([[1, 0, 0.2], [-0.3, 1, 0], [0, -0.4, 1], [1, 1, -1]])
 OBLIQUE /= np.linalg.norm(OBLIQUE, axis=1, keepdims=True)
@@ -49,7 +50,8 @@ def test_too_few_columns_get_no_advice_to_state_the_time_as_an_axis(tmp_path: Pa
     (tmp_path / "log.csv").write_text("\n".join([header, *rows]))
     with refused() as refusal:
         draft_run_file([tmp_path / "log.csv"], tmp_path / "run.toml")
-    assert "axes.md" in str(refusal.value)
+    title = PAGE.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
+    assert title in str(refusal.value)
     assert "--set" not in str(refusal.value)
 
 

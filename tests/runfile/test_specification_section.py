@@ -11,8 +11,13 @@ from tests.runfile.run_file_texts import FERRARIS
 
 from inercal.basics.errors import InputError
 from inercal.calibration.files import calibration_object, canonical_text, load, parse, save
-from inercal.calibration.specification import Conformity
-from inercal.physics.sensors import G0
+from inercal.calibration.specification import (
+    Conformity,
+    LimitResult,
+    limit_row,
+    probability_text,
+)
+from inercal.physics.sensors import G0, triad
 from inercal.pipeline import calibrate
 from inercal.report.calibration_page import calibration_page
 from inercal.runfile import read
@@ -169,3 +174,13 @@ def test_a_file_whose_conformity_contradicts_its_rule_is_refused(tmp_path: Path)
         text = json.dumps(changed | {"sha256": digest}, ensure_ascii=False)
         with pytest.raises(InputError, match=key):
             parse(text, "a.calibration.json")
+
+
+def test_a_guard_band_is_rounded_like_u_and_a_probability_has_two_digits():
+    term = triad("t", "f", "a").with_coefficients("bias").coefficient("ax.k0")
+    for u in (1016.0, 43.7, 0.0234):
+        one = LimitResult("ax.k0", -1.0, 1.0, 0.0, u / 2 * term.si, u * term.si, "pass", 0.5)
+        row = limit_row(one, term)
+        assert row.guard == row.expanded
+    texts = [probability_text(one) for one in (0.6031, 0.0228, 0.9754, 0.99954)]
+    assert texts == ["60 %", "2.3 %", "97.5 %", "99.954 %"]

@@ -314,18 +314,23 @@ def limit_row(one: LimitResult, term: ErrorTerm) -> LimitRow:
     value, expanded = format_value_and_uncertainty(
         one.value / term.si, COVERAGE * one.std / term.si
     )
-    limit, guard = limit_text(one.lower, one.upper, term), f"{one.guard / term.si:.3g}"
+    limit = limit_text(one.lower, one.upper, term)
+    guard = format_value_and_uncertainty(0.0, one.guard / term.si)[1]
     chance = probability_text(one.probability)
     return LimitRow(one.name, value, expanded, term.unit, limit, guard, one.result, chance)
 
 
 def probability_text(probability: float) -> str:
-    """Return a probability as text in percent, but never "0 %" or "100 %"."""
+    """Return a probability as text in percent, but never "0 %" or "100 %".
+
+    It has two significant digits, or so many that its distance from 100 % has two.
+    """
     if probability < 1e-4:
         return "< 0.01 %"
     if probability > 1 - 1e-4:
         return "> 99.99 %"
-    return f"{100 * probability:.4g} %"
+    percent = 100 * probability
+    return f"{float(format_value_and_uncertainty(percent, min(percent, 100 - percent))[0]):g} %"
 
 
 def conformity_object(conformity: Conformity) -> dict[str, Any]:

@@ -106,6 +106,7 @@ def _run() -> int:
         return status or 0
     except TyperException as error:
         if text := error.format_message():  # otherwise the help has been printed
+            text = text.replace(": Value error, ", ": ")  # from the validator of a choice
             text = " ".join(f"{text} {_missing_help(error, text)}".split())
             print(f"inercal: {visible_text(text)} (see --help)", file=sys.stderr)
         return error.exit_code

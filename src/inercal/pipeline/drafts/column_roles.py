@@ -54,7 +54,10 @@ STATED = "as stated"
 NO_SENSOR = "no sensor"
 """Key for the files of other sensors, such as magnetometers, which are not used."""
 
-BY_HAND = "write the run file by hand: docs/how-to/axes.md shows sensors with any axes"
+BY_HAND = (
+    "write the run file by hand, as the page “Calibrate one axis, or a cluster of axes” of the "
+    "documentation shows"
+)
 """Advice for columns for which no run file can be drafted."""
 
 _TABLE = ("outer", "middle", "inner")
