@@ -108,6 +108,12 @@ def test_a_data_sheet_writes_both_blocks_and_names_what_is_missing(tmp_path: Pat
     assert keys(texts[1])["gyr_cov"] == pytest.approx(white**2 * 200, rel=1e-6)
     assert all("# accelerometer: not stated" in text for text in texts)
     assert not any("acc_n" in text or "acc_cov" in text for text in texts)
+    edited = tmp_path / "sheet.fast_lio.yaml"
+    edited.write_text(f"{texts[1]}mine: 1\n", encoding="utf-8")
+    assert run_program("noise", "--datasheet", sheet, *to).status == 2
+    assert edited.read_text(encoding="utf-8").endswith("mine: 1\n")
+    assert run_program("noise", "--datasheet", sheet, *to, "--force").status == 0
+    assert edited.read_text(encoding="utf-8") == texts[1]
     sheet.write_text(head + gyro, encoding="utf-8")
     done = run_program("noise", "--datasheet", sheet, *to, "--force")
     assert done.status == 2

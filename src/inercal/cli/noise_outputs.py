@@ -54,10 +54,8 @@ class NoiseFiles:
         inputs : sequence of Path
             Files that are read. With --force, the noise may be written to the run file among them.
         """
-        kind = OutputKind("noise file", b"# inercal noise")
-        check_outputs(
-            dict.fromkeys(self._texts(stem).values(), kind), inputs, force=self.force or None
-        )
+        kind = OutputKind("noise file")  # users edit such a file, for example its topics
+        check_outputs(dict.fromkeys(self._texts(stem).values(), kind), inputs, force=self.force)
         if self.section is not None:
             others = [
                 one for one in inputs if not (self.force and self.section == inputs[0] == one)

@@ -336,6 +336,6 @@ def _yields(population: Population) -> list[RuleYield]:
     for rule in rules:
         worst = judge(value, lower, upper, rule.guard(std)).max(axis=1)
         counts = np.bincount(worst, minlength=len(RESULTS)).tolist()
-        judged = dict(zip(RESULTS, counts, strict=True))
+        judged: dict[str, int] = dict(zip(RESULTS, counts, strict=True))
         found.append(RuleYield(rule, judged, population.unjudged))
     return found
