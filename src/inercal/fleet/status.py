@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from inercal.basics.units import format_count
+from inercal.basics.units import format_count, format_number
 from inercal.calibration.grade import GRADE_WORDS
 from inercal.estimation.uncertainty.conformity import RESULTS
 from inercal.estimation.uncertainty.robust import robust_scale
@@ -103,7 +103,7 @@ class LineStatus:
             for result, names in _by_value(self.failing).items()
         ]
         large = [
-            f"{name}: U of {of} is {ratio:.2g} times the median of the line"
+            f"{name}: U of {of} is {format_number(ratio, 2)} times the median of the line"
             for name, (of, ratio) in self.large_u.items()
         ]
         return [
