@@ -34,6 +34,7 @@ _PERCENT_THRESHOLD = 0.01  # a larger ratio is shown in %
 _MAX_LISTED = 6  # largest number of candidates in a line
 _LEAST_SHARE = 0.1  # smallest share of χ² that a partial cause must explain
 _SMALL_CHI2 = 100.0  # below this, a decimal is shown
+_SWITCH_UNITS = ("",)  # of a cause that is true or not, without a size
 _PRIOR_PREFIX = "prior of "  # followed by the coefficient
 
 
@@ -80,13 +81,13 @@ def bench_words(name: str, components: Sequence[str], expected: Mapping[str, Par
     meaning = next(iter(meanings), "")
     if meaning == name:
         return f"{name} of the bench"
-    return f"{meaning} ({name})" if meaning else f"bench parameter {name}"
+    return f"{meaning} ({name})" if meaning else name if " " in name else f"bench parameter {name}"
 
 
 def size_words(one: SuspectedCause, sensor: Sensor) -> str:
     """Return the size of a cause (its largest component) as text; empty if unknown."""
     sizes = np.abs(one.sizes)
-    if one.kind == "row" or not np.isfinite(sizes).any():
+    if one.kind == "row" or one.units == _SWITCH_UNITS or not np.isfinite(sizes).any():
         return ""
     k = int(np.nanargmax(sizes))
     full = one.components[k].removeprefix(_PRIOR_PREFIX)
@@ -148,13 +149,13 @@ def suspect_lines(
         ("" if alone else f"{name.removeprefix(f'{one.name}, ')} ")
         + f"{format_component(sensor, one.kind, name, size, sd, unit)}{how}"
         for name, size, sd, unit in zip(one.components, one.sizes, one.sds, one.units, strict=True)
-        if np.isfinite(size) and one.kind != "row" and not name.startswith(_PRIOR_PREFIX)
+        if np.isfinite(size) and unit and one.kind != "row" and not name.startswith(_PRIOR_PREFIX)
     ]
     lines = [
         f"{first} would explain the residuals (p {p_value_text(one.adjusted)}, corrected for the "
         "number of causes tested)."
     ]
-    if one.kind == "bench":
+    if one.kind == "bench" and one.units != _SWITCH_UNITS:
         lines.append(_stated_text(one, expected))
     if one.name.startswith(_PRIOR_PREFIX):
         lines.append(f"The data depart from it by {size_words(one, sensor)}.")

@@ -284,7 +284,7 @@ def _steps_on_cause(
     row, suspect = assessment.row, assessment.suspect
     if suspect is not None:
         advice = advisor.on_cause(suspect)
-        again = "measure it again, or " if suspect.kind == "bench" else ""
+        again = "measure it again, or " if suspect.kind == "bench" and not suspect.changes else ""
         text = f"{again}{_changes_words(advice)}" if advice.changes else advice.action
         yield _Step(f"{_sentence(text)}{'' if advice.changes else '.'}", advice)
     elif row is not None and row.adjusted < SIGNIFICANCE_LEVEL:
