@@ -7,13 +7,15 @@ import shutil
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.advice_followed import follow_all
 from tests.base_seeds import chosen
-from tests.evidence.violation_cells import CASES, base_cells, case_cells, device_files
+from tests.evidence.violation_cells import CASES, base_cells, case_cells, device_files, find_case
 
 import inercal
 from inercal.basics.errors import InercalError
+from inercal.basics.units import parse_quantity
 from inercal.pipeline.drafts import draft_run_file
 
 ROOT = Path(__file__).parents[2]
@@ -115,3 +117,25 @@ def test_advice_on_a_reported_input_is_kept(name: str, tmp_path: Path):
         run_file = draft.path
         run_file.write_text(draft.text, encoding="utf-8")
     kept_advice(run_file)
+
+
+@pytest.mark.parametrize(
+    ("key", "size", "text"), [("g", 4e-3, "9.80123 m/s² ± {} mm/s²"), ("tilt", 1e-3, "{} ″")]
+)
+def test_advice_on_the_bench_is_stated_in_the_unit_of_its_key(
+    key: str, size: float, text: str, tmp_path: Path
+):
+    rng = np.random.default_rng(8)
+    case = find_case("centrifuge_norm")
+    drawn = case.draw(rng)
+    for name, content in case.files({**drawn, key: drawn.get(key, 0.0) + size}, rng, None).items():
+        (tmp_path / name).write_text(str(content), encoding="utf-8")
+    outcome = inercal.calibrate(tmp_path / "run.toml")
+    (change,) = next(one for one in outcome.verdict.advice if one.changes).changes
+    start, end = text.split("{}")
+    assert change.value.startswith(start)
+    assert change.value.endswith(end)
+    number = change.value.removeprefix(start).removesuffix(end)
+    assert len(number.replace(".", "").strip("0")) <= 2
+    deviation = parse_quantity(f"{number}{end}", "m/s²" if key == "g" else "rad").value
+    assert deviation == pytest.approx(size, rel=0.3)

@@ -20,7 +20,7 @@ from tests.methods.test_centrifuge_norm import table as centrifuge_table
 from tests.suspects.rate_platform_runs import arguments, table
 
 import inercal
-from inercal.basics.units import Measured
+from inercal.basics.units import Measured, parse_quantity
 from inercal.benches import Hand
 from inercal.calibration.grade import Assessment, assess
 from inercal.estimation import Candidate, Estimate, Problem, least_squares
@@ -219,7 +219,7 @@ def test_gyros_that_were_switched_on_anew_before_each_section_are_named(tmp_path
         assert verdict.suspect.name == "turn_on"
         (change,) = verdict.advice[0].changes
         assert (change.section, change.key) == ("bench", "turn_on")
-        size = float(change.value.split()[0]) * 206_265  # rad/s in °/h
+        size = parse_quantity(change.value, "rad/s").value * 206_265  # °/h
         assert 200 < size < 1200  # of six directions
 
 
