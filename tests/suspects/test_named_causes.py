@@ -22,13 +22,14 @@ from tests.suspects.rate_platform_runs import arguments, table
 import inercal
 from inercal.basics.units import Measured, parse_quantity
 from inercal.benches import Hand
-from inercal.calibration.grade import Assessment, assess
+from inercal.calibration.grade import NO_SINGLE_CAUSE, Assessment, assess
+from inercal.calibration.verdict import verdict
 from inercal.estimation import Candidate, Estimate, Problem, least_squares
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL, CandidateKind
 from inercal.methods import METHODS
 from inercal.methods.centrifuge_norm import ml
 from inercal.methods.temperature_ramp import ramp, rest
-from inercal.physics.sensors import imu
+from inercal.physics.sensors import imu, triad
 from inercal.pipeline import Outcome
 from inercal.recordings import Mark, Recording
 from inercal.recordings.segments import (
@@ -374,3 +375,16 @@ def test_a_reversed_sense_of_rotation_is_named_with_its_key():
         assert {"latitude", "stretch", "tilt"} <= set(suspect.indistinguishable)
     named = on_an_arm(np.random.default_rng(3)).best
     assert named is None
+
+
+def test_a_misfit_without_a_cause_is_stated_once_and_with_its_size():
+    sensor = triad("t", "f", "x").with_coefficients("bias")
+    wave = np.linspace(-1, 1, 200)
+    readings = 0.8 * wave + np.random.default_rng(7).standard_normal(200)
+    estimate = line((1e5 + wave)[:, None], readings, stated_sds=np.array([1e-2]))
+    found = verdict(replace(estimate, names=sensor.coefficients), sensor, ())
+    assert found.reasons == (NO_SINGLE_CAUSE,)
+    first, second, *_ = found.lines
+    assert f"χ² = {estimate.score_tests.chi2:.0f} with 199 degrees" in first
+    assert second != first
+    assert NO_SINGLE_CAUSE not in first

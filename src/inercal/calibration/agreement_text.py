@@ -118,7 +118,7 @@ def cause_lines(
     if assessment.suspect is not None:
         yield from suspect_lines(assessment.suspect, estimate.score_tests, sensor, expected)
     elif assessment.best is not None:
-        yield from best_cause_lines(assessment.best, sensor, expected)
+        yield from best_cause_lines(assessment.best, estimate.score_tests, sensor, expected)
     elif no_cause(estimate, assessment):
         yield (
             "No single cause explains the residuals: the noise is larger than stated, or "

@@ -123,7 +123,7 @@ def cause_line(assessment: Assessment, sensor: Sensor, expected: Mapping[str, Pa
 def alternatives(
     one: SuspectedCause, scores: ScoreTestSet, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> list[str]:
-    """Describe the causes that explain the residuals as well as the suspect does."""
+    """Describe the causes that explain the residuals as well as the best cause does."""
     # "g" names local gravity and the sensitivity to g: the one that explains as much is meant.
     apart = sorted(scores.scores, key=lambda score: -abs(score.chi2 - one.chi2))
     found = {score.name: score for score in apart}
@@ -167,15 +167,20 @@ def suspect_lines(
         lines.append(f"Leaving it out shifts the {shifted} by {two_digits(one.shift)} U.")
     else:
         lines.append("Leaving it out shifts no coefficient.")
-    if alike := alternatives(one, scores, sensor, expected):
-        more = f" and {len(alike) - _MAX_LISTED} more" if len(alike) > _MAX_LISTED else ""
-        listed = "; ".join(alike[:_MAX_LISTED])
-        lines.append(f"The data cannot distinguish it from {listed}{more}.")
-    return lines
+    return lines + _alternatives_lines(one, scores, sensor, expected)
+
+
+def _alternatives_lines(
+    one: SuspectedCause, scores: ScoreTestSet, sensor: Sensor, expected: Mapping[str, Parameter]
+) -> list[str]:
+    alike = alternatives(one, scores, sensor, expected)
+    more = f" and {len(alike) - _MAX_LISTED} more" if len(alike) > _MAX_LISTED else ""
+    listed = "; ".join(alike[:_MAX_LISTED])
+    return [f"The data cannot distinguish it from {listed}{more}."] if alike else []
 
 
 def best_cause_lines(
-    one: SuspectedCause, sensor: Sensor, expected: Mapping[str, Parameter]
+    one: SuspectedCause, scores: ScoreTestSet, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> list[str]:
     """Return lines about the best tested cause if it does not explain the residuals."""
     words = cause_words(one.place, one.kind, one.components, sensor, expected)
@@ -185,6 +190,7 @@ def best_cause_lines(
         f"The best of the tested causes is {words}: χ² would drop {_chi2_drop(one)} with "
         f"{degrees_of_freedom(one.remaining_dof)}, which is still too large "
         f"(p {p_value_text(one.remaining_p_value)}).",
+        *_alternatives_lines(one, scores, sensor, expected),
     ]
 
 
