@@ -231,8 +231,9 @@ class RunAdvisor:
         """
         parameter = self._expected.get(full)
         name = ErrorName(full).name
-        like = "°" if name == "latitude" else _UNITS[self._unit(full)]
-        unit = self._stated_unit(key, stated, "rad/s" if name == "earth_up" else like)
+        like = _UNITS["rad/s" if name == "earth_up" else self._unit(full)]
+        like = "°" if name == "latitude" else like
+        unit_of_value, unit = self._stated_units(key, stated, like)
         deviation = f"{_rounded_up(size / si_factor(unit))} {unit}"
         value = getattr(self._run.bench, {"g": "gravity"}.get(name, name), None)
         declared = parameter is not None or name in declarations(type(self._run.bench))
@@ -244,20 +245,25 @@ class RunAdvisor:
         before = stated.partition("±")[0].strip() if stated else ""
         known = value.value if parameter is None else parameter.value
         if not before or before.startswith("("):
+            known, size = (x / si_factor(unit_of_value) for x in (known, size))
             digits = format_value_and_uncertainty(known, size / 100)[0]
-            before = f"{float(digits) / si_factor(unit):.12g} {unit}"
+            before = f"{float(digits):.12g} {unit_of_value}"
         return f"{before} ± {deviation}"
 
-    def _stated_unit(self, key: str, stated: object, like: str) -> str:
-        """Return the unit in which a key, its default or its example states a deviation."""
+    def _stated_units(self, key: str, stated: object, like: str) -> tuple[str, str]:
+        """Return the units of a value and its deviation, as a key, its default or example states.
+
+        If there is no value, the units are the same.
+        """
         info = self._run.kind.section.model_fields.get(key)
-        texts = (stated, info.default, *(info.examples or ())) if info else (stated,)
-        for text in texts:
+        for text in (stated, info.default, *(info.examples or ())) if info else (stated,):
             if isinstance(text, str) and (found := _STATED_UNIT.search(text)):
+                first = _STATED_UNIT.search(text.partition("±")[0].strip()) or found
                 with suppress(InputError):
+                    si_factor(first[1], like)
                     si_factor(found[1], like)
-                    return found[1]
-        return like
+                    return first[1], found[1]
+        return like, like
 
     def _unit(self, full: str) -> str:
         scores = self._estimate.score_tests.scores

@@ -10,7 +10,7 @@ errors of the attitudes are nuisances with their stated deviations. The informat
 therefore used even if the attitudes are poorly known.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
@@ -106,7 +106,7 @@ def norm_problem(
     )
 
 
-def _with_reversed_sense(listed: Sequence[Candidate], bench: Centrifuge) -> Iterator[Candidate]:
+def _with_reversed_sense(listed: Iterable[Candidate], bench: Centrifuge) -> Iterator[Candidate]:
     """Yield the candidates, and after the latitude a reversed sense of rotation.
 
     The sense only affects the sign of Earth's rate along the spindle, Ω sin φ.
@@ -344,9 +344,12 @@ def vector_problem(
         | {"misalignment": sensor.with_coefficients("misalignment").coefficients},
     )
     listed = built.candidates
-    return replace(
-        built, candidates=listed and (lambda x: [*_with_reversed_sense(listed(x), bench)])
-    )
+    assert listed is not None
+
+    def all_candidates(x: Array) -> list[Candidate]:
+        return [*_with_reversed_sense(listed(x), bench)]
+
+    return replace(built, candidates=all_candidates)
 
 
 def _cache_last_result(work: Callable[..., _Result]) -> Callable[..., _Result]:
