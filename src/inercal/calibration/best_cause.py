@@ -4,9 +4,10 @@ The best cause is the candidate with the smallest p-value. It must explain the r
 a scatter of all rows would: the remaining residuals are consistent with the stated noise, or they
 are small compared with the explained part (F test). At least one degree of freedom must remain. If
 the candidate is a coefficient, it may exceed its largest plausible size by at most 6 standard
-deviations. If the estimated parameters absorb all but a thousandth of the candidate's effect, the
-candidate may differ from its stated value by at most 6 standard deviations, unless every other
-stated quantity that explains as much would differ by more.
+deviations; a stated quantity may be wrong by about half of its value, and an angle by 180°. If the
+estimated parameters absorb all but a thousandth of the candidate's effect, the candidate may differ
+from its stated value by at most 6 standard deviations, unless every other stated quantity that
+explains as much would differ by more.
 
 A candidate cannot be distinguished from the best candidate if the angle between the residuals that
 the two explain is less than 30°. Several candidates may explain the residuals equally well: their
@@ -332,6 +333,8 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
         return "check the latitude and its sign, and the names and signs of the gyros' columns"
     if cause.name == "autocollimator scale":
         return "check the sign and the unit of the autocollimator readings in [data]"
+    if cause.kind == "bench" and cause.changes:
+        return f"check whether the run file should state {changes_text(cause.changes)}"
     if cause.kind == "bench":
         return "measure it again, or state it with its true uncertainty"
     if cause.units[:1] == ("T",):
