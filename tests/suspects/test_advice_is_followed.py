@@ -3,17 +3,20 @@
 Of examples, of devices with each violation, and of the failing inputs of public reports.
 """
 
+import re
 import shutil
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.advice_followed import follow_all
 from tests.base_seeds import chosen
-from tests.evidence.violation_cells import CASES, base_cells, case_cells, device_files
+from tests.evidence.violation_cells import CASES, base_cells, case_cells, device_files, find_case
 
 import inercal
 from inercal.basics.errors import InercalError
+from inercal.basics.units import parse_quantity
 from inercal.pipeline.drafts import draft_run_file
 
 ROOT = Path(__file__).parents[2]
@@ -115,3 +118,31 @@ def test_advice_on_a_reported_input_is_kept(name: str, tmp_path: Path):
         run_file = draft.path
         run_file.write_text(draft.text, encoding="utf-8")
     kept_advice(run_file)
+
+
+STATED, COMPUTED = 'gravity = "9.80123 m/s² ± 0.1 mm/s²"', 'height = "500 m"'
+
+
+@pytest.mark.parametrize(
+    ("error", "size", "gravity", "value"),
+    [
+        ("g", 4e-3, STATED, r"9\.80123 m/s² ± (\d\.?\d mm/s²)"),
+        ("g", 4e-3, COMPUTED, r"9\.799\d{1,3} m/s² ± (\d\.?\d mm/s²)"),
+        ("tilt", 1e-3, STATED, r"(\d\d0 ″)"),
+    ],
+)
+def test_advice_on_the_bench_is_stated_in_the_unit_of_its_key(
+    error: str, size: float, gravity: str, value: str, tmp_path: Path
+):
+    rng = np.random.default_rng(8)
+    case = find_case("centrifuge_norm")
+    drawn = case.draw(rng)
+    drawn = {**drawn, error: drawn.get(error, 0.0) + size}
+    for name, content in case.files(drawn, rng, None).items():
+        (tmp_path / name).write_text(str(content).replace(STATED, gravity), encoding="utf-8")
+    outcome = inercal.calibrate(tmp_path / "run.toml")
+    (change,) = next(one for one in outcome.verdict.advice if one.changes).changes
+    found = re.fullmatch(value, change.value)
+    assert found, change.value
+    deviation = parse_quantity(found[1], "m/s²" if error == "g" else "rad").value
+    assert deviation == pytest.approx(size, rel=0.7)

@@ -9,22 +9,27 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.accuracy import ramps
+from tests.accuracy.centrifuge import EARTH, PAPER_G, RATES, full_circle, sensed_motion
 from tests.accuracy.ferraris import DEGREE, mems
 from tests.accuracy.handheld import Session, record
 from tests.base_seeds import evidence
 from tests.evidence import temperature_ramps
 from tests.evidence.violation_cells import base_cells, calibrate_device, find_case
+from tests.methods.test_centrifuge_norm import BENCH, NOISE, TRUTH
+from tests.methods.test_centrifuge_norm import table as centrifuge_table
 from tests.suspects.rate_platform_runs import arguments, table
 
 import inercal
-from inercal.basics.units import Measured
+from inercal.basics.units import Measured, parse_quantity
 from inercal.benches import Hand
-from inercal.calibration.grade import assess
+from inercal.calibration.grade import NO_SINGLE_CAUSE, Assessment, assess
+from inercal.calibration.verdict import verdict
 from inercal.estimation import Candidate, Estimate, Problem, least_squares
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL, CandidateKind
 from inercal.methods import METHODS
+from inercal.methods.centrifuge_norm import ml
 from inercal.methods.temperature_ramp import ramp, rest
-from inercal.physics.sensors import imu
+from inercal.physics.sensors import imu, triad
 from inercal.pipeline import Outcome
 from inercal.recordings import Mark, Recording
 from inercal.recordings.segments import (
@@ -120,15 +125,22 @@ def test_a_cubic_scale_is_recommended_only_where_the_rates_determine_it():
     assert not any("scale3" in given.coefficients for given in one.verdict.advice)
 
 
-def line(extra: Array, readings: Array, kind: CandidateKind = "bench", **stated: Any) -> Estimate:
+def line(
+    extra: Array, readings: Array, kind: CandidateKind = "bench", unit: str = "m", **stated: Any
+) -> Estimate:
     """Return the fit of a constant to readings of sd 1, with one candidate."""
-    rows = len(readings)
-    design = np.ones((rows, 1))
 
     def candidates(_: Array) -> list[Candidate]:
         names = tuple(f"c{k}" for k in range(extra.shape[1]))
-        return [Candidate("cause", kind, names, ("m",) * len(names), extra, **stated)]
+        return [Candidate("cause", kind, names, (unit,) * len(names), extra, **stated)]
 
+    return constant_fit(readings, candidates)
+
+
+def constant_fit(readings: Array, candidates: Callable[[Array], list[Candidate]]) -> Estimate:
+    """Return the fit of a constant to readings of sd 1."""
+    rows = len(readings)
+    design = np.ones((rows, 1))
     return least_squares(
         Problem(
             ("k0",),
@@ -208,7 +220,7 @@ def test_gyros_that_were_switched_on_anew_before_each_section_are_named(tmp_path
         assert verdict.suspect.name == "turn_on"
         (change,) = verdict.advice[0].changes
         assert (change.section, change.key) == ("bench", "turn_on")
-        size = float(change.value.split()[0]) * 206_265  # rad/s in °/h
+        size = parse_quantity(change.value, "rad/s").value * 206_265  # °/h
         assert 200 < size < 1200  # of six directions
 
 
@@ -289,3 +301,90 @@ def test_causes_of_a_rate_platform_come_first_in_nine_of_ten_and_good_runs_are_c
             right += suspect is not None and suspect.name.partition("[")[0] == name
     assert right >= 0.9 * total
     assert alarms <= 4  # 99.9 % of a binomial of 40 with 2 %
+
+
+@pytest.mark.parametrize(
+    ("visible", "hidden", "named"), [(200.0, 7.0, "hidden"), (5.0, 7.0, "visible")]
+)
+def test_the_statement_that_departs_least_is_named(visible: float, hidden: float, named: str):
+    wave = np.linspace(-1, 1, 20)
+    readings = 40 * wave + np.random.default_rng(5).standard_normal(20)
+    columns = {"visible": wave[:, None], "hidden": (1e5 + wave)[:, None]}
+    sds = {"visible": np.array([40 / visible]), "hidden": np.array([40 / hidden])}
+
+    def candidates(_: Array) -> list[Candidate]:
+        return [
+            Candidate(name, "bench", (name,), ("m",), rows, stated_sds=sds[name])
+            for name, rows in columns.items()
+        ]
+
+    suspect = assess(constant_fit(readings, candidates), 1).suspect
+    assert suspect is not None
+    assert suspect.name == named
+
+
+@pytest.mark.parametrize(("unit", "size"), [("m", 300.0), ("rad", 1000.0)])
+def test_a_stated_value_that_would_be_wrong_by_more_than_its_range_is_not_named(
+    unit: str, size: float
+):
+    wave = 1000 * np.linspace(-1, 1, 20)[:, None]
+    readings = size * wave[:, 0] + np.random.default_rng(6).standard_normal(20)
+    stated: dict[str, Any] = {"stated_sds": np.array([1.0])}
+    for scale, best in ((1.0, None), (1e4, "cause")):
+        largest = np.array([0.1 * scale])
+        found = assess(line(wave, readings, unit=unit, largest=largest, **stated), 1).best
+        assert (found and found.name) == best
+
+
+def on_an_arm(rng: np.random.Generator, radius: float = 1.0, sense: int = 1) -> Assessment:
+    """Return the assessment of a fit on a centrifuge at 45.8° whose radius or sense is wrong."""
+    f, rates = sensed_motion(
+        full_circle()[::2], RATES, radius, earth_up=sense * EARTH * np.sin(0.8)
+    )
+    seen, sensor, spins = centrifuge_table(
+        TRUTH.output(f) + 0.02 * NOISE * rng.standard_normal(f.shape), rates
+    )
+    seen = replace(seen, covariance=0.02**2 * seen.covariance)
+    bench = replace(
+        BENCH,
+        gravity=Measured(PAPER_G, 2e-5),
+        radius=Measured(1.0, 6e-5),
+        latitude=Measured(0.8, 1e-3),
+        rate=1e-6,
+        tilt=1e-5,
+    )
+    return assess(ml(seen, sensor, bench, spins), 9)
+
+
+def test_a_wrong_radius_of_an_arm_is_named_and_not_gravity():
+    for seed in range(2):
+        suspect = on_an_arm(np.random.default_rng([seed, 1]), radius=1.0012).suspect
+        assert suspect is not None
+        assert suspect.name == "radius"
+        assert suspect.sizes[0] == pytest.approx(1.2e-3, rel=0.01)
+        assert "g" in suspect.indistinguishable
+
+
+def test_a_reversed_sense_of_rotation_is_named_with_its_key():
+    for seed in range(2):
+        suspect = on_an_arm(np.random.default_rng([seed, 1]), sense=-1).suspect
+        assert suspect is not None
+        assert [(c.section, c.key, c.value) for c in suspect.changes] == [
+            ("bench", "sense", "clockwise")
+        ]
+        assert {"latitude", "stretch", "tilt"} <= set(suspect.indistinguishable)
+    named = on_an_arm(np.random.default_rng(3)).best
+    assert named is None
+
+
+def test_a_misfit_without_a_cause_is_stated_once_and_with_its_size():
+    sensor = triad("t", "f", "x").with_coefficients("bias")
+    wave = np.linspace(-1, 1, 200)
+    readings = 0.8 * wave + np.random.default_rng(7).standard_normal(200)
+    estimate = line((1e5 + wave)[:, None], readings, stated_sds=np.array([1e-2]))
+    found = verdict(replace(estimate, names=sensor.coefficients), sensor, ())
+    assert found.reasons == (NO_SINGLE_CAUSE,)
+    first, second, *_ = found.lines
+    assert f"χ² = {estimate.score_tests.chi2:.0f} with 199 degrees" in first
+    assert second != first
+    assert NO_SINGLE_CAUSE not in first

@@ -118,7 +118,7 @@ def cause_lines(
     if assessment.suspect is not None:
         yield from suspect_lines(assessment.suspect, estimate.score_tests, sensor, expected)
     elif assessment.best is not None:
-        yield from best_cause_lines(assessment.best, sensor, expected)
+        yield from best_cause_lines(assessment.best, estimate.score_tests, sensor, expected)
     elif no_cause(estimate, assessment):
         yield (
             "No single cause explains the residuals: the noise is larger than stated, or "
@@ -170,19 +170,10 @@ def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -
                 f"The largest residual is that of {estimate.observations[worst]}: "
                 f"{two_digits(largest)} standard deviations."
             )
-    # A parameter explains nothing if the coefficients absorb its effect or if it would be too
-    # large.
-    useless = {
-        name
-        for score in estimate.score_tests.scores
-        if score.kind == "bench"
-        and (not score.dof or score.is_implausible or score.contradicts_statement)
-        for name in score.components
-    }
     pulls = {
         name: abs(float(value - expected[name].value)) / expected[name].sd
         for name, value in zip(estimate.names, estimate.value, strict=True)
-        if name in expected and expected[name].sd > 0 and name not in useless
+        if name in expected and expected[name].sd > 0
     }
     name = max(pulls, key=lambda one: pulls[one], default="")
     if name and pulls[name] > _MIN_PULL:

@@ -4,8 +4,10 @@ The best cause is the candidate with the smallest p-value. It must explain the r
 a scatter of all rows would: the remaining residuals are consistent with the stated noise, or they
 are small compared with the explained part (F test). At least one degree of freedom must remain. If
 the candidate is a coefficient, it may exceed its largest plausible size by at most 6 standard
-deviations. If the estimated parameters absorb all but a thousandth of the candidate's effect, the
-candidate may differ from its stated value by at most 6 standard deviations.
+deviations; a stated quantity may be wrong by about half of its value, and an angle by 180°. If the
+estimated parameters absorb all but a thousandth of the candidate's effect, the candidate may differ
+from its stated value by at most 6 standard deviations, unless every other stated quantity that
+explains as much would differ by more.
 
 A candidate cannot be distinguished from the best candidate if the angle between the residuals that
 the two explain is less than 30°. Several candidates may explain the residuals equally well: their
@@ -44,6 +46,7 @@ CHANGE_PREFIX = "change "  # start of the name of a candidate for a change withi
 
 _KIND_ORDER: tuple[CandidateKind, ...] = ("bench", "time", "row", "coefficient")
 _EQUIVALENT_CHI2 = 4.0  # difference of χ²: two standard deviations of one direction
+_INCREDIBLE = 30.0  # standard deviations of a stated value
 _MIN_P_VALUE = 1e-280  # smaller probabilities are computed from an asymptotic formula
 
 
@@ -144,7 +147,8 @@ def find_best_cause(
         Full names of the coefficients that the method can estimate.
     """
     score_tests = estimate.score_tests
-    convincing = [score for score in significant if _explains_residuals(estimate, score)]
+    explaining = [score for score in significant if _explains_residuals(estimate, score)]
+    convincing = [score for score in explaining if not score.contradicts_statement]
     if not convincing:
         return None
     logs = {score.name: _log_p(score) for score in convincing}
@@ -172,6 +176,19 @@ def find_best_cause(
         and not set(score.components) & set(best.components)
     ]
     first = min((best, *as_good), key=lambda score: (rank(score), score is not best, -score.chi2))
+    # A statement that the data contradict is the cause rather than one that departs even more.
+    first = min(
+        (
+            score
+            for score in explaining
+            if score.kind == first.kind == "bench"
+            and 0 < score.departure < first.departure
+            and score.dof <= first.dof
+            and _is_equivalent(score_tests, score, first)
+        ),
+        key=lambda score: score.departure,
+        default=first,
+    )
     related = {one for one in score_tests.scores if set(one.components) & set(first.components)}
     alike = [
         one
@@ -206,6 +223,16 @@ def find_best_cause(
     )
 
 
+def _is_equivalent(score_tests: ScoreTestSet, score: ScoreTest, other: ScoreTest) -> bool:
+    """Return whether a candidate explains as much as another, or enough if that is incredible."""
+    enough = other.departure > _INCREDIBLE and (
+        _remaining_p_value(score_tests, score) >= SIGNIFICANCE_LEVEL
+    )
+    return other.cosine(score) >= PARALLEL_COSINE and (
+        enough or score.chi2 > other.chi2 - _EQUIVALENT_CHI2
+    )
+
+
 def _remaining_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:
     left = max(score_tests.chi2 - score.chi2, 0.0)
     return remaining_p_value(left, score_tests.dof - score.dof, score.chi2, score_tests.noise_dof)
@@ -214,12 +241,11 @@ def _remaining_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:
 def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
     """Return whether a candidate explains the residuals better than a scatter of all rows would.
 
-    A candidate explains nothing if no degree of freedom remains, if it is implausibly large, or if
-    it contradicts its stated value.
+    A candidate explains nothing if no degree of freedom remains or if it is implausibly large.
     """
     score_tests = estimate.score_tests
     left, dof = max(score_tests.chi2 - score.chi2, 0.0), score_tests.dof - score.dof
-    if dof <= 0 or score.is_implausible or score.contradicts_statement:
+    if dof <= 0 or score.is_implausible:
         return False
     if not left or _remaining_p_value(score_tests, score) >= SIGNIFICANCE_LEVEL:
         return True
@@ -307,6 +333,8 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
         return "check the latitude and its sign, and the names and signs of the gyros' columns"
     if cause.name == "autocollimator scale":
         return "check the sign and the unit of the autocollimator readings in [data]"
+    if cause.kind == "bench" and cause.changes:
+        return f"check whether the run file should state {changes_text(cause.changes)}"
     if cause.kind == "bench":
         return "measure it again, or state it with its true uncertainty"
     if cause.units[:1] == ("T",):

@@ -63,6 +63,7 @@ GRADE_WORDS: dict[Grade, str] = {
     "unreliable": "not to be relied on",
 }
 GRADE_TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "unreliable": "bad"}
+NO_SINGLE_CAUSE = "no single cause explains the residuals"
 _MAX_SCATTER = 2.0  # times the stated scatter
 _SEVERAL = 10  # degrees of freedom; fewer means do not show a scatter
 _MAX_SCATTER_OF_RESTS = 3.0  # times the scatter measured within rests
@@ -306,7 +307,7 @@ def grade_estimate(
         bad.append(f"{_SHIFTED_BY[best.kind]} shifts the {shifted} by {two_digits(best.shift)} U")
     mild = [_test_reason(test.name) for test in assessment.rejecting_tests]
     if assessment.scores_reject and suspect is None:
-        mild.append("no single cause explains the residuals")
+        mild.append(NO_SINGLE_CAUSE)
     elif suspect is not None:
         named = row_words(suspect.place) if suspect.kind == "row" else suspect.name
         if suspect.kind == "coefficient":

@@ -34,6 +34,7 @@ _PERCENT_THRESHOLD = 0.01  # a larger ratio is shown in %
 _MAX_LISTED = 6  # largest number of candidates in a line
 _LEAST_SHARE = 0.1  # smallest share of χ² that a partial cause must explain
 _SMALL_CHI2 = 100.0  # below this, a decimal is shown
+_SWITCH_UNITS = ("",)  # of a cause that is true or not, without a size
 _PRIOR_PREFIX = "prior of "  # followed by the coefficient
 
 
@@ -80,13 +81,13 @@ def bench_words(name: str, components: Sequence[str], expected: Mapping[str, Par
     meaning = next(iter(meanings), "")
     if meaning == name:
         return f"{name} of the bench"
-    return f"{meaning} ({name})" if meaning else f"bench parameter {name}"
+    return f"{meaning} ({name})" if meaning else name if " " in name else f"bench parameter {name}"
 
 
 def size_words(one: SuspectedCause, sensor: Sensor) -> str:
     """Return the size of a cause (its largest component) as text; empty if unknown."""
     sizes = np.abs(one.sizes)
-    if one.kind == "row" or not np.isfinite(sizes).any():
+    if one.kind == "row" or one.units == _SWITCH_UNITS or not np.isfinite(sizes).any():
         return ""
     k = int(np.nanargmax(sizes))
     full = one.components[k].removeprefix(_PRIOR_PREFIX)
@@ -122,7 +123,7 @@ def cause_line(assessment: Assessment, sensor: Sensor, expected: Mapping[str, Pa
 def alternatives(
     one: SuspectedCause, scores: ScoreTestSet, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> list[str]:
-    """Describe the causes that explain the residuals as well as the suspect does."""
+    """Describe the causes that explain the residuals as well as the best cause does."""
     # "g" names local gravity and the sensitivity to g: the one that explains as much is meant.
     apart = sorted(scores.scores, key=lambda score: -abs(score.chi2 - one.chi2))
     found = {score.name: score for score in apart}
@@ -148,13 +149,13 @@ def suspect_lines(
         ("" if alone else f"{name.removeprefix(f'{one.name}, ')} ")
         + f"{format_component(sensor, one.kind, name, size, sd, unit)}{how}"
         for name, size, sd, unit in zip(one.components, one.sizes, one.sds, one.units, strict=True)
-        if np.isfinite(size) and one.kind != "row" and not name.startswith(_PRIOR_PREFIX)
+        if np.isfinite(size) and unit and one.kind != "row" and not name.startswith(_PRIOR_PREFIX)
     ]
     lines = [
         f"{first} would explain the residuals (p {p_value_text(one.adjusted)}, corrected for the "
         "number of causes tested)."
     ]
-    if one.kind == "bench":
+    if one.kind == "bench" and one.units != _SWITCH_UNITS:
         lines.append(_stated_text(one, expected))
     if one.name.startswith(_PRIOR_PREFIX):
         lines.append(f"The data depart from it by {size_words(one, sensor)}.")
@@ -166,15 +167,20 @@ def suspect_lines(
         lines.append(f"Leaving it out shifts the {shifted} by {two_digits(one.shift)} U.")
     else:
         lines.append("Leaving it out shifts no coefficient.")
-    if alike := alternatives(one, scores, sensor, expected):
-        more = f" and {len(alike) - _MAX_LISTED} more" if len(alike) > _MAX_LISTED else ""
-        listed = "; ".join(alike[:_MAX_LISTED])
-        lines.append(f"The data cannot distinguish it from {listed}{more}.")
-    return lines
+    return lines + _alternatives_lines(one, scores, sensor, expected)
+
+
+def _alternatives_lines(
+    one: SuspectedCause, scores: ScoreTestSet, sensor: Sensor, expected: Mapping[str, Parameter]
+) -> list[str]:
+    alike = alternatives(one, scores, sensor, expected)
+    more = f" and {len(alike) - _MAX_LISTED} more" if len(alike) > _MAX_LISTED else ""
+    listed = "; ".join(alike[:_MAX_LISTED])
+    return [f"The data cannot distinguish it from {listed}{more}."] if alike else []
 
 
 def best_cause_lines(
-    one: SuspectedCause, sensor: Sensor, expected: Mapping[str, Parameter]
+    one: SuspectedCause, scores: ScoreTestSet, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> list[str]:
     """Return lines about the best tested cause if it does not explain the residuals."""
     words = cause_words(one.place, one.kind, one.components, sensor, expected)
@@ -184,6 +190,7 @@ def best_cause_lines(
         f"The best of the tested causes is {words}: χ² would drop {_chi2_drop(one)} with "
         f"{degrees_of_freedom(one.remaining_dof)}, which is still too large "
         f"(p {p_value_text(one.remaining_p_value)}).",
+        *_alternatives_lines(one, scores, sensor, expected),
     ]
 
 

@@ -32,6 +32,7 @@ from inercal.calibration.explanation import (
     fit_list,
 )
 from inercal.calibration.grade import (
+    NO_SINGLE_CAUSE,
     Assessment,
     Verdict,
     assess,
@@ -39,7 +40,13 @@ from inercal.calibration.grade import (
     is_far_from_nominal,
     two_digits,
 )
-from inercal.calibration.suspect_text import alternatives, bench_words, cause_line
+from inercal.calibration.suspect_text import (
+    alternatives,
+    bench_words,
+    cause_line,
+    chi2_text,
+    degrees_of_freedom,
+)
 from inercal.estimation import Estimate
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL
 from inercal.estimation.uncertainty.coverage import COVERAGE
@@ -200,19 +207,24 @@ def verdict(
     }
     word = _sentence(graded.word)
     why = graded.reasons[0] if graded.reasons else agreement(estimate, wrong=wrong)
+    if why == NO_SINGLE_CAUSE:  # the next line says this
+        tests = estimate.score_tests
+        size = f"χ² = {chi2_text(tests.chi2)} with {degrees_of_freedom(tests.dof)}"
+        why = f"the residuals are not random ({size})"
     if not graded.reasons and (factor := _noise_factor(findings)):
         word = f"{word}, but U is too large"
         why = f"the residuals are {factor} times smaller than noise and bench imply"
     cause = next(iter(far.values()), known)
+    named = cause_line(assessment, sensor, expected)
     lines = (
         _first_line(word, why),
         fit(added),
         fit(f"Most likely cause: {cause}.")
         if cause
-        else cause_line(assessment, sensor, expected)
+        else named
         or _NO_CAUSE * no_cause(estimate, assessment),
-        "" if added or cause or assessment.suspect is None else _alternatives_line(
-            alternatives(assessment.suspect, estimate.score_tests, sensor, expected)
+        "" if added or cause or not named or assessment.best is None else _alternatives_line(
+            alternatives(assessment.best, estimate.score_tests, sensor, expected)
         ),
         "" if graded.grade == "consistent" else _next_line(steps, assessment),
         _uncertainty_line(largest),
@@ -286,7 +298,7 @@ def _steps_on_cause(
     row, suspect = assessment.row, assessment.suspect
     if suspect is not None:
         advice = advisor.on_cause(suspect)
-        again = "measure it again, or " if suspect.kind == "bench" else ""
+        again = "measure it again, or " if suspect.kind == "bench" and not suspect.changes else ""
         text = f"{again}{_changes_words(advice)}" if advice.changes else advice.action
         yield _Step(f"{_sentence(text)}{'' if advice.changes else '.'}", advice)
     elif row is not None and row.adjusted < SIGNIFICANCE_LEVEL:

@@ -220,6 +220,7 @@ def _score_tests(
                 one.changes,
                 share[k][c],
                 least_size[k, c],
+                one.is_switch,
             )
             for c, one in enumerate(some)
         ]

@@ -53,6 +53,8 @@ _LEVEL_WEIGHTS = (
 )  # fmt: skip
 _SUMMED_DOF, _SUMMED_CHI2 = 200, 1000.0  # below these, a tail is a short sum and no underflow
 _CONTRADICTION = 6.0  # standard deviations
+_MISTYPED = 5.0  # an error of a stated value, relative to the largest plausible departure
+_SWITCH_TOLERANCE = 3.0  # standard deviations from the size 1
 _HARDLY_VISIBLE = 1e-3  # visible fraction of an effect, below which it is hardly visible
 _LINEARISATION = 0.05  # relative error of the explained part, a first-order estimate
 
@@ -190,6 +192,8 @@ class Candidate:
         as exact.
     changes : tuple of Change
         Changes to run-file keys that make the method estimate the parameters, if known.
+    is_switch : bool
+        Whether the true size is 0 or 1, as for a sense of rotation that may be stated reversed.
     """
 
     name: str
@@ -201,6 +205,7 @@ class Candidate:
     largest: Array | None = None
     stated_sds: Array | None = None
     changes: tuple[Change, ...] = ()
+    is_switch: bool = False
 
     def without_zero_components(self) -> "Candidate":
         """Return the candidate without components that have no effect on the observations."""
@@ -268,7 +273,7 @@ class ScoreTest:
         candidate, this is the shift due to its largest plausible size.
     explained : ExplainedResidual
         The part of the whitened residual that the candidate explains.
-    largest, stated_sds, changes
+    largest, stated_sds, changes, is_switch
         Attributes of the candidate.
     visible_share : float
         Largest share of the candidate's column that the fit leaves to the residuals.
@@ -292,6 +297,7 @@ class ScoreTest:
     changes: tuple[Change, ...] = ()
     visible_share: float = 1.0
     least_size: Array | None = None
+    is_switch: bool = False
 
     @property
     def p_value(self) -> float:
@@ -300,14 +306,20 @@ class ScoreTest:
 
     @property
     def is_implausible(self) -> bool:
-        """Whether a coefficient exceeds the largest plausible size by more than 6 sd.
+        """Whether a size exceeds the largest plausible size by more than 6 sd.
 
-        Stated values are exempt, because they may be wrong by any amount. For example, the angle of
-        a mounting may be mistyped.
+        A stated value may be mistyped, so its error may be five times as large, which is half of
+        the stated value, and an angle may be wrong by up to 180°. The size of a switch is 1.
         """
-        if self.largest is None or self.kind != "coefficient":
+        if self.is_switch:
+            return bool(np.any(np.abs(self.size - 1) > _SWITCH_TOLERANCE * self.sd))
+        if self.largest is None or self.kind not in ("coefficient", "bench"):
             return False
-        beyond = np.abs(np.nan_to_num(self.size)) - self.largest
+        largest = self.largest
+        if self.kind == "bench":
+            angle = [np.pi * (unit == "rad") for unit in self.units]
+            largest = np.maximum(_MISTYPED * largest, angle)
+        beyond = np.abs(np.nan_to_num(self.size)) - largest
         return bool(np.any(beyond > _CONTRADICTION * np.nan_to_num(self.sd)))
 
     @property

@@ -35,7 +35,13 @@ _SHARED_SCOPES = ("run", "speed", "mounting", "pass")
 _ROUNDING_LIMIT = 1e-12
 # rad: somebody may mistake north for south or east; harmonics of an encoder are always small.
 # Readings of an autocollimator may be in mrad instead of ″.
-_LARGEST_ANGLES = {"azimuth": np.pi, "latitude": np.pi / 2, "autocollimator scale": 300.0}
+# A steel arm of 1 m stretches by about 1e-8 per m/s².
+_LARGEST_ANGLES = {
+    "azimuth": np.pi,
+    "latitude": np.pi / 2,
+    "autocollimator scale": 300.0,
+    "stretch": 1e-6,
+}
 _LARGEST_HARMONIC = 0.01
 _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 

@@ -7,15 +7,16 @@ tried on a recording, because this would take as long as the calibration itself.
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from math import ceil, degrees, floor, log10, radians
+from math import ceil, floor, log10, radians
 
 import numpy as np
 
-from inercal.basics.errors import InercalError
+from inercal.basics.errors import InercalError, InputError
 from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.run_file_advice import Advice, Change, with_changes
-from inercal.basics.units import Measured
+from inercal.basics.units import Measured, format_value_and_uncertainty, si_factor
 from inercal.benches.key_declarations import declarations
 from inercal.calibration.best_cause import SuspectedCause, action_on, also
 from inercal.estimation import Estimate
@@ -29,15 +30,17 @@ _PRIOR = "prior of "  # start of the name of a coefficient's prior
 _HARMONIC = re.compile(r"(?:sin|cos)(\d+)")
 # Keys of parameters that the bench does not declare.
 _KEYS = {"g": "gravity", "earth_up": "latitude", "index": "indexing", "rate": "rate_error"}
+# SI units of parameters, as units of a run file.
 _UNITS = {
-    "rad": ("rad", 1.0),
-    "1": ("ppm", 1e6),
-    "m": ("m", 1.0),
-    "s": ("s", 1.0),
-    "m/s²": ("m/s²", 1.0),
-    "rad/s": ("rad/s", 1.0),
-    "(m/s²)⁻¹": ("1/(m/s²)", 1.0),
+    "rad": "rad",
+    "1": "ppm",
+    "m": "m",
+    "s": "s",
+    "m/s²": "m/s²",
+    "rad/s": "rad/s",
+    "(m/s²)⁻¹": "1/(m/s²)",
 }
+_STATED_UNIT = re.compile(r"[\d.]\)?\s*([^\deE\s.)±][^±]*?)\s*(?:\(k.*)?$")  # of the last number
 
 
 class RunAdvisor:
@@ -184,7 +187,7 @@ class RunAdvisor:
                 order = int(harmonic[1])
                 harmonics += ["0 ″"] * (order - len(harmonics))
                 sizes["harmonics"] = (full, max(abs(size), sizes.get("harmonics", ("", 0.0))[1]))
-                harmonics[order - 1] = f"{_rounded_up(sizes['harmonics'][1])} rad"
+                harmonics[order - 1] = f"{_rounded_up(sizes['harmonics'][1] / si_factor('″'))} ″"
                 continue
             key, size = self._key(name), max(abs(size), typical) if open_ else abs(size)
             if key not in sizes or size > sizes[key][1]:
@@ -195,7 +198,7 @@ class RunAdvisor:
         return tuple(
             Change("bench", key, harmonics)
             if key == "harmonics"
-            else Change("bench", key, self._text(stated.get(key), full, size, signed[full]))
+            else Change("bench", key, self._text(key, stated.get(key), full, size, signed[full]))
             for key, (full, size) in sizes.items()
         )
 
@@ -221,27 +224,46 @@ class RunAdvisor:
         stem = re.sub(r"(_[a-z12]|\d)$", "", name)
         return _KEYS.get(name, _KEYS.get(stem, stem))
 
-    def _text(self, stated: str | None, full: str, size: float, departure: float) -> str:
+    def _text(self, key: str, stated: str | None, full: str, size: float, departure: float) -> str:
         """Return a deviation, or a measured constant with ±, as text for a run file.
 
         If the bench treats the constant as exact, return the value that the data suggest.
         """
         parameter = self._expected.get(full)
         name = ErrorName(full).name
-        unit, factor = _UNITS["rad/s" if name == "earth_up" else self._unit(full)]
-        if name == "latitude":
-            unit, factor = "°", degrees(1)
-        deviation = f"{_rounded_up(size * factor)} {unit}"
+        like = _UNITS["rad/s" if name == "earth_up" else self._unit(full)]
+        like = "°" if name == "latitude" else like
+        unit_of_value, unit = self._stated_units(key, stated, like)
+        deviation = f"{_rounded_up(size / si_factor(unit))} {unit}"
         value = getattr(self._run.bench, {"g": "gravity"}.get(name, name), None)
         declared = parameter is not None or name in declarations(type(self._run.bench))
         if isinstance(value, float) and not declared:
-            moved = value + departure
-            return f"{degrees(moved):.4g} °" if unit == "rad" else f"{moved * factor:.6g} {unit}"
+            moved = (value + departure) / si_factor(unit)
+            return f"{moved:.{4 if unit == '°' else 6}g} {unit}"
         if not isinstance(value, Measured):
             return deviation
         before = stated.partition("±")[0].strip() if stated else ""
         known = value.value if parameter is None else parameter.value
-        return f"{before or f'{known!r} {unit}'} ± {deviation}"
+        if not before or before.startswith("("):
+            known, size = (x / si_factor(unit_of_value) for x in (known, size))
+            digits = format_value_and_uncertainty(known, size / 100)[0]
+            before = f"{float(digits):.12g} {unit_of_value}"
+        return f"{before} ± {deviation}"
+
+    def _stated_units(self, key: str, stated: object, like: str) -> tuple[str, str]:
+        """Return the units of a value and its deviation, as a key, its default or example states.
+
+        If there is no value, the units are the same.
+        """
+        info = self._run.kind.section.model_fields.get(key)
+        for text in (stated, info.default, *(info.examples or ())) if info else (stated,):
+            if isinstance(text, str) and (found := _STATED_UNIT.search(text)):
+                first = _STATED_UNIT.search(text.partition("±")[0].strip()) or found
+                with suppress(InputError):
+                    si_factor(first[1], like)
+                    si_factor(found[1], like)
+                    return first[1], found[1]
+        return like, like
 
     def _unit(self, full: str) -> str:
         scores = self._estimate.score_tests.scores

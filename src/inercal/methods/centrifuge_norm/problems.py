@@ -10,7 +10,7 @@ errors of the attitudes are nuisances with their stated deviations. The informat
 therefore used even if the attitudes are poorly known.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.parameters import Parameter
+from inercal.basics.run_file_advice import Change
 from inercal.benches import MeanMotion
 from inercal.benches.centrifuge.arm_motion import (
     SpecificForceNorm,
@@ -95,7 +96,7 @@ def norm_problem(
         arms = (
             () if larger.uses("wi", "wp", "wo") else _lever_arm_candidates(built, sensor, steps, x)
         )
-        return [*listed(x), *arms]
+        return [*_with_reversed_sense(listed(x), bench), *arms]
 
     return replace(
         built,
@@ -103,6 +104,27 @@ def norm_problem(
         known_nulls=rotation_gauge.rotation_null_directions(sensor, len(built.names)),
         candidates=all_candidates,
     )
+
+
+def _with_reversed_sense(listed: Iterable[Candidate], bench: Centrifuge) -> Iterator[Candidate]:
+    """Yield the candidates, and after the latitude a reversed sense of rotation.
+
+    The sense only affects the sign of Earth's rate along the spindle, Ω sin φ.
+    """
+    for one in listed:
+        yield one
+        if one.name == "latitude" and bench.latitude is not None and bench.platform == "locked":
+            rows = -2 * np.tan(bench.latitude.value) * one.rows
+            other = "clockwise" if bench.sense > 0 else "counter-clockwise"
+            yield Candidate(
+                "reversed sense of rotation",
+                "bench",
+                ("sense",),
+                ("",),
+                rows,
+                changes=(Change("bench", "sense", other),),
+                is_switch=True,
+            )
 
 
 def _lever_arm_candidates(
@@ -309,7 +331,7 @@ def vector_problem(
                 blocks[..., k, :, k, :] += by[..., k, :, None] * by[..., k, None, :]
         return blocks.reshape(*c.shape[:-1], r * m, r * m)
 
-    return mean_problem.problem_of_readings(
+    built = mean_problem.problem_of_readings(
         observations,
         sensor,
         bench.acting_parameters(steps, vectors=True),
@@ -321,6 +343,13 @@ def vector_problem(
         families=_nonorthogonality_family(sensor)
         | {"misalignment": sensor.with_coefficients("misalignment").coefficients},
     )
+    listed = built.candidates
+    assert listed is not None
+
+    def all_candidates(x: Array) -> list[Candidate]:
+        return [*_with_reversed_sense(listed(x), bench)]
+
+    return replace(built, candidates=all_candidates)
 
 
 def _cache_last_result(work: Callable[..., _Result]) -> Callable[..., _Result]:

@@ -140,7 +140,8 @@ def screen_rows(
         raise InputError(
             f"{len(bad)} of {len(steps)} rows are outliers, and the norms of the others "
             f"scatter {noise:.3g} times as much as stated; check the rates, the radius and the "
-            "nominal scale before you check individual rows",
+            "nominal scale before you check individual rows, and whether the accelerometers have "
+            'lever arms ([data] attitude with [method] also = ["arm_i"] estimates them)',
             names=tuple(observations.labels[k] for k in bad),
         )
 
