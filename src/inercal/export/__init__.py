@@ -174,8 +174,7 @@ def export_calibration(
                 "remove --refit",
                 key="--refit",
             )
-        sensor = calibration.sensor
-        readings = sensor.forward(samples.motion, calibration.values)
+        readings = model.sensor.forward(samples.motion, model.calibration.values)
         model = export_model(calibration, axes, refit=(samples.motion, readings))
     request = Request(
         model,
