@@ -289,3 +289,23 @@ def test_the_verb_writes_a_calibration_that_can_be_compared(tmp_path: Path):
     assert all(one["en"] is None for one in alone["coefficients"])
     assert run_program("show", out).status == 0
     assert run_program("import", params, "--from", "nothing", "--out", out).status == 2
+
+
+MISSING = {
+    "px4": ("CAL_ACC0_YOFF 0.1\nCAL_ACC0_XSCALE 1.1\n", ("CAL_ACC0_ZOFF", "CAL_ACC0_ZSCALE")),
+    "ardupilot": ("INS_ACCOFFS_Y,0.1\nCOMPASS_OFS_Y,5\n", ("INS_ACCSCAL_X", "INS_ACCOFFS_Z")),
+    "inav": ("set acczero_y = 3\n", ("acczero_x", "accgain_z")),
+    "ros_magnetometer": ("initial_mag_bias_y: 1e-6\n", ("initial_mag_bias_z",)),
+}
+
+
+@pytest.mark.parametrize("of", MISSING)
+def test_a_value_that_the_file_does_not_state_is_named(of: str, tmp_path: Path):
+    text, names = MISSING[of]
+    path = tmp_path / "board"
+    path.write_text(text, encoding="utf-8")
+    options = {"acc_1g": 2048} if of == "inav" else {}
+    found = inercal.import_calibration(path, of, options=options)
+    notes = " ".join(found.notes)
+    for name in names:
+        assert f"{name} = " in notes
