@@ -292,3 +292,14 @@ def test_the_verb_writes_beside_what_it_says(tmp_path: Path):
     assert "my_imu" in renamed.output
     assert run_program(*arguments, *ids, "--force", "--lossless").status == 2
     assert run_program("export", path, "--to", "csv", "--out", path, "--force").status == 2
+
+
+@pytest.mark.usefixtures("few_samples")
+@pytest.mark.parametrize("to", ["csv", "c", "python"])
+def test_a_file_with_uncertainties_does_not_deny_them(to: str):
+    calibration = make_calibration("k0")
+    made = export_calibration(calibration, to)
+    u = f",{calibration.uncertainty('ax.k0'):.6g},"
+    assert (u in made.text) == (to == "csv")
+    denied = any("uncertainties" in line and "only" in line for line in made.header)
+    assert denied == (to != "csv")

@@ -176,6 +176,8 @@ class Rendering:
         Path of the file within the folder, if the target writes a folder; otherwise "".
     beside : mapping of str to str
         The contents of the other files of this folder, by path.
+    states_u : bool
+        Whether the file contains the uncertainties of the coefficients.
     """
 
     correct: Callable[[Array, Array], Array]
@@ -191,6 +193,7 @@ class Rendering:
     rotation: Array | None = None
     place: str = ""
     beside: Mapping[str, str] = field(default_factory=dict[str, str])
+    states_u: bool = False
 
 
 @dataclass(frozen=True)
