@@ -124,5 +124,5 @@ def test_rounded_stamps_state_the_mean_rate():
     table = Table(("ms", "ax"), {"ms": stamps, "ax": stamps}, "log.csv", "", 2, header=True)
     entries = clock_keys(table, ColumnRoles({}, {"time": "ms"}), {})[1]
     assert "104.3 Hz" in {one.key: one.reason for one in entries}["time_unit"]
-    exact = np.arange(2000) * 10.0
+    exact = np.array(np.arange(2000) * 10.0, dtype=np.float64)
     assert mean_step(exact) == 10.0
