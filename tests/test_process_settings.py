@@ -40,3 +40,18 @@ def test_memory_that_arrays_free_is_kept_for_those_to_come():
     before, after = ([int(one) for one in line.split()] for line in done.stdout.splitlines())
     assert after[0] > 10 * before[0]
     assert after[1] < 0.01 * before[1]
+
+
+DIVISION = """
+import numpy as np
+from inercal.basics.process_settings import prepare_process
+prepare_process()
+np.ones(2) / np.zeros(2)
+"""
+
+
+@pytest.mark.parametrize("options", [[], ["-Wdefault"]])
+def test_a_warning_of_numpy_reaches_only_those_who_ask_for_it(options: list[str]):
+    command = [sys.executable, *options, "-c", DIVISION]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert ("RuntimeWarning" in done.stderr) == bool(options)

@@ -128,6 +128,8 @@ def test_text_parses_to_value_and_deviation(text: str | float, like: str, value:
         ("1e999 m", "m", "1e999 m"),
         ("1e308 km", "m", "1e308 km"),
         ("1 m ± 1e308 km", "m", "1 m ± 1e308 km"),
+        ("-1e308 m ± 60 µm", "m", "-1e308 m ± 60 µm"),
+        ("1 m ± 1e200 m", "m", "1 m ± 1e200 m"),
         (nan, "1", None),
         (-inf, "1", None),
         ("", "m", ""),

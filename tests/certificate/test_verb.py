@@ -33,6 +33,18 @@ def test_numbers_follow_one_another_and_begin_anew_each_year(laboratory: Laborat
     assert laboratory.issue().name == "IL-2026-0003.pdf"
 
 
+def test_a_second_certificate_names_the_first_unless_it_changes_it(laboratory: Laboratory):
+    first, second, third = (
+        laboratory.run("--json", *options)
+        for options in ((), (), ("--amends", "IL-2026-0001", "--reason", "why"))
+    )
+    assert json.loads(second.output)["other_certificates"] == ["IL-2026-0001"]
+    assert "IL-2026-0001" in second.error
+    for ended in (first, third):
+        assert "other_certificates" not in json.loads(ended.output)
+        assert "warning" not in ended.error
+
+
 def test_a_refused_certificate_uses_no_number(laboratory: Laboratory):
     laboratory.issue()
     assert laboratory.run("--amends", "IL-2026-0099", "--reason", "why").status == 2

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from tests.base_seeds import SEEDS
+from tests.refusals import refused
 
 from inercal.calibration import Calibration
 from inercal.calibration.comparison import compare
-from inercal.physics.sensors import imu
+from inercal.physics.sensors import imu, triad
 from inercal.physics.sensors.coefficient_selection import select_coefficients
 
 ALL = ("k0", "k1", "misalignment", "bias", "scale")
@@ -52,3 +53,13 @@ def test_what_a_frame_of_the_accelerometers_fixes_is_measured_in_another():
     names = compare(triangular, symmetric).names
     assert "ax.delta_o" in names
     assert "gx.delta_o" in names
+
+
+def test_calibrations_without_a_common_coefficient_are_refused():
+    first, second = (
+        Calibration(triad(name, "f", name).with_coefficients("bias"), np.zeros(3), np.eye(3))
+        for name in ("a", "b")
+    )
+    with refused(names=("a", "b")):
+        compare(first, second)
+    assert len(compare(first, first).names) == 3

@@ -10,6 +10,11 @@ from tests import generated_logs as logs
 from tests.base_seeds import evidence
 from tests.drafts.test_kinds_of_logs import BIASES, assert_true, calibrated, chosen, drafted
 
+from inercal.pipeline.drafts.clock_keys import clock_keys
+from inercal.pipeline.drafts.column_roles import ColumnRoles
+from inercal.recordings.io.column_table import Table
+from inercal.recordings.samples import mean_step
+
 GYRO_BIASES = {
     f"g{axis}.bias": np.radians(b) for axis, b in zip("xyz", (1.5, -0.8, 0.6), strict=True)
 }
@@ -110,3 +115,14 @@ def test_dates_of_two_files_are_paired(zone: str, tmp_path: Path):
     draft = drafted(files, tmp_path, sensor__gyro__unit="rad/s")
     assert chosen(draft)["data.gyro_time"] == "time"
     assert_true(calibrated(draft), BIASES | GYRO_BIASES, k=4)
+
+
+def test_rounded_stamps_state_the_mean_rate():
+    stamps = np.array(np.floor(np.arange(2000) * 1000 / 104.3), dtype=np.float64)
+    stamps[1500:] += 5000.0  # an interruption
+    assert 1000 / mean_step(stamps) == pytest.approx(104.3, rel=1e-3)
+    table = Table(("ms", "ax"), {"ms": stamps, "ax": stamps}, "log.csv", "", 2, header=True)
+    entries = clock_keys(table, ColumnRoles({}, {"time": "ms"}), {})[1]
+    assert "104.3 Hz" in {one.key: one.reason for one in entries}["time_unit"]
+    exact = np.array(np.arange(2000) * 10.0, dtype=np.float64)
+    assert mean_step(exact) == 10.0

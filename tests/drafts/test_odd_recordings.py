@@ -13,8 +13,11 @@ from tests.reports import report_file
 
 import inercal
 from inercal.basics.units import si_factor
+from inercal.cli import init_command
 from inercal.pipeline.drafts import draft_run_file
+from inercal.pipeline.drafts.column_roles import ColumnRoles, unknown_accelerometers
 from inercal.pipeline.drafts.rest_recording import read_rest_recording
+from inercal.recordings.io.read import read_table
 
 HZ = 50.0
 UNITS = {"k0": "µg", "k1": "ppm", "bias": "°/h", "scale": "ppm"}
@@ -271,3 +274,26 @@ def test_attitudes_and_magnetic_fields_are_not_offered_to_the_noise_analysis(
     with refused(file=log, key="data.accelerometer") as refusal:
         read_rest_recording(log, {})
     assert "--set" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("odd", [0, 1, 2])
+def test_the_file_with_other_columns_than_most_is_named(tmp_path: Path, odd: int):
+    logs = [
+        written(tmp_path / f"{k}.csv", {"t": range(9), f"a{k == odd}": range(9)}) for k in range(3)
+    ]
+    with refused(file=f"{odd}.csv"):
+        draft_run_file(logs, tmp_path / "run.toml")
+
+
+def test_three_columns_named_after_axes_are_proposed_as_accelerometers(tmp_path: Path):
+    names = ("Pos", "psi", "theta", "Ux [V]", "Uy [V]", "Uz [V]")
+    log = written(tmp_path / "log.csv", {name: range(9) for name in names})
+    error = unknown_accelerometers(log, read_table(log), ColumnRoles({}, {}))
+    assert '["Ux [V]", "Uy [V]", "Uz [V]"]' in str(error)
+
+
+def test_a_run_file_is_no_recording_to_draft_from(tmp_path: Path):
+    file = tmp_path / "head.toml"
+    file.write_text("[sensor]\n")
+    with refused(file="head.toml"):
+        init_command.run([file], out=tmp_path / "new.toml")

@@ -160,6 +160,15 @@ def test_a_refit_lessens_the_error_of_what_is_left_out():
         ("kalibr", {**NOISE, "update_rate": 0}),
         ("openvins", {"noise": "no such file"}),
         ("adis", {"order": "scale"}),
+        ("adis", {**OPTIONS["adis"], "bias_bits": 0}),
+        ("adis", {**OPTIONS["adis"], "acc_bias_lsb": 0}),
+        ("px4", {**OPTIONS["px4"], "acc_id": 99999999999}),
+        ("px4", {**OPTIONS["px4"], "gyro_id": "-5"}),
+        ("px4", {**OPTIONS["px4"], "priority": 101}),
+        ("px4", {**OPTIONS["px4"], "mag_rotation": "1e400"}),
+        ("ardupilot", {"gyro_id": 1 << 31}),
+        ("kalibr", {**NOISE, "gyroscope_noise_density": "nan"}),
+        ("inav", {**OPTIONS["inav"], "gravity": "30 m/s^2"}),
         ("adis", {**OPTIONS["adis"], "order": "both"}),
         ("adis", {**OPTIONS["adis"], "acc_bias_lsb": "1 V"}),
         ("ardupilot", {"imu": 7}),
@@ -283,3 +292,14 @@ def test_the_verb_writes_beside_what_it_says(tmp_path: Path):
     assert "my_imu" in renamed.output
     assert run_program(*arguments, *ids, "--force", "--lossless").status == 2
     assert run_program("export", path, "--to", "csv", "--out", path, "--force").status == 2
+
+
+@pytest.mark.usefixtures("few_samples")
+@pytest.mark.parametrize("to", ["csv", "c", "python"])
+def test_a_file_with_uncertainties_does_not_deny_them(to: str):
+    calibration = make_calibration("k0")
+    made = export_calibration(calibration, to)
+    u = f",{calibration.uncertainty('ax.k0'):.6g},"
+    assert (u in made.text) == (to == "csv")
+    denied = any("uncertainties" in line and "only" in line for line in made.header)
+    assert denied == (to != "csv")

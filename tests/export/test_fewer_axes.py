@@ -4,18 +4,20 @@ import csv
 import re
 import shutil
 import subprocess
+from contextlib import suppress
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from tests.export.calibrations import RANGES
+from tests.export.calibrations import OPTIONS, RANGES
 from tests.refusals import refused
 
 from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.calibration import Calibration
-from inercal.export import export_calibration
+from inercal.export import TARGETS, export_calibration
 from inercal.physics.sensors import G0, Readout, Sensor, axes_along
 
 VOLTS, COUNTS = Readout(0.3 / G0, 1.5, "V"), Readout(1000.0, -40.0, "LSB")
@@ -160,3 +162,40 @@ def test_turned_axes_turn_the_channels_that_are_measured():
     turned = np.stack([output[:, 1], -output[:, 0]], axis=-1)
     found = np.array([module["correct"](row) for row in turned.tolist()])
     np.testing.assert_allclose(found, wanted * [1, -1, -1], rtol=0, atol=1e-8)
+
+
+FEWER = {
+    "one accelerometer": (["-y"], []),
+    "one gyro": ([], ["z"]),
+    "two accelerometers": (["z", "-x"], []),
+    "one of each": (["x"], ["y"]),
+    "four axes": (["x", "y", "z"], ["z"]),
+    "six axes": (["x", "y", "z"], ["x", "y", "z"]),
+}
+
+
+@pytest.mark.usefixtures("few_samples")
+@pytest.mark.parametrize("to", TARGETS)
+def test_a_refit_of_linear_terms_changes_nothing_whichever_axes_are_measured(to: str):
+    for forces, rates in FEWER.values():
+        axes = axes_along(forces, "f", "a", COUNTS) + axes_along(rates, "w", "g", COUNTS)
+        sensor = Sensor("Few", axes).with_coefficients("bias", "scale", "misalignment")
+        values = np.random.default_rng(4).normal(size=len(sensor.coefficients))
+        one = Calibration(
+            sensor,
+            values * 1e-3 * sensor.unit_scale,
+            np.diag((1e-6 * sensor.unit_scale) ** 2),
+            validity=RANGES,
+        )
+        try:
+            plain = export_calibration(one, to, options=OPTIONS.get(to))
+            refitted = export_calibration(one, to, options=OPTIONS.get(to), refit=True)
+        except InputError:  # this target has no place for this sensor, or needs no refit
+            continue
+        for before, after in zip(plain.costs, refitted.costs, strict=True):
+            assert after.rms == pytest.approx(before.rms, rel=1e-3, abs=1e-7)
+        for lossless in (False, True):
+            with suppress(InputError):
+                export_calibration(
+                    one, to, options=OPTIONS.get(to), refit=True, lossless=lossless, axes="y z x"
+                )

@@ -5,7 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.export.calibrations import COUNTS, LINEAR, OPTIONS, make_calibration
+from tests.export.calibrations import (
+    COUNTS,
+    LINEAR,
+    OPTIONS,
+    make_calibration,
+    make_magnetometer,
+)
 from tests.program import run_program
 from tests.refusals import refused
 
@@ -15,6 +21,7 @@ from inercal.calibration.comparison import compare
 from inercal.calibration.comparison.run_to_run import comparison_lines
 from inercal.calibration.display import coefficient_lines
 from inercal.export import export_calibration
+from inercal.export.readers import READERS
 
 # Aliases of aliases: 10⁹ numbers, if an array were made of them.
 BOMB = "a: &a [1,1,1,1,1,1,1,1,1,1]\n" + "".join(
@@ -66,6 +73,32 @@ def test_what_an_export_holds_is_read_back(to: str, tmp_path: Path):
     # Along the frame of Kalibr some misalignments are 0 by definition.
     assert len(compared.names) >= len(both) - 3
     assert np.nanmax(np.abs(compared.normalised_errors)) < 0.02
+
+
+@pytest.mark.usefixtures("few_samples")
+@pytest.mark.parametrize("axes", ["x -y -z", "y z x"])
+@pytest.mark.parametrize("to", READERS)
+def test_turned_axes_of_an_export_are_turned_back(to: str, axes: str, tmp_path: Path):
+    if to == "kalibr":
+        pytest.importorskip("yaml")
+    magnetic = to in ("magcal", "ros_magnetometer")
+    calibration = make_magnetometer() if magnetic else make_calibration(*STATED.get(to, LINEAR))
+    options = OPTIONS.get(to) if to in ("inav", "betaflight") else None
+    path = tmp_path / "board.params"
+
+    def read(axes: str, *, explained: bool = True, stated: str | None = None) -> Calibration:
+        text = export_calibration(calibration, to, options=OPTIONS.get(to), axes=axes).text
+        plain = text.replace("frame: mount", "frame")
+        path.write_text(text if explained else plain, encoding="utf-8")
+        return inercal.import_calibration(path, to, like=calibration, options=options, axes=stated)
+
+    wanted = read("x y z")
+    for found in (read(axes), read(axes, explained=False, stated=axes), read(axes, stated=axes)):
+        assert found.sensor.coefficients == wanted.sensor.coefficients
+        difference = (found.values - wanted.values) / wanted.sensor.unit_scale
+        np.testing.assert_allclose(difference, 0, atol=1e-11)
+    with refused(key="--axes"):
+        read(axes, stated="x y z")
 
 
 def test_counts_need_the_readout_of_a_calibration(tmp_path: Path):
@@ -256,3 +289,23 @@ def test_the_verb_writes_a_calibration_that_can_be_compared(tmp_path: Path):
     assert all(one["en"] is None for one in alone["coefficients"])
     assert run_program("show", out).status == 0
     assert run_program("import", params, "--from", "nothing", "--out", out).status == 2
+
+
+MISSING = {
+    "px4": ("CAL_ACC0_YOFF 0.1\nCAL_ACC0_XSCALE 1.1\n", ("CAL_ACC0_ZOFF", "CAL_ACC0_ZSCALE")),
+    "ardupilot": ("INS_ACCOFFS_Y,0.1\nCOMPASS_OFS_Y,5\n", ("INS_ACCSCAL_X", "INS_ACCOFFS_Z")),
+    "inav": ("set acczero_y = 3\n", ("acczero_x", "accgain_z")),
+    "ros_magnetometer": ("initial_mag_bias_y: 1e-6\n", ("initial_mag_bias_z",)),
+}
+
+
+@pytest.mark.parametrize("of", MISSING)
+def test_a_value_that_the_file_does_not_state_is_named(of: str, tmp_path: Path):
+    text, names = MISSING[of]
+    path = tmp_path / "board"
+    path.write_text(text, encoding="utf-8")
+    options = {"acc_1g": 2048} if of == "inav" else {}
+    found = inercal.import_calibration(path, of, options=options)
+    notes = " ".join(found.notes)
+    for name in names:
+        assert f"{name} = " in notes

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.recordings.io.mean_tables import read_columns
 from inercal.recordings.io.read import Columns, read_recording
 
 XY = (("x", "acc", "g"), ("y", "rate", "°/s"))
@@ -71,3 +72,17 @@ def test_a_contradiction_is_refused_before_the_file_is_read(
 def test_a_time_unit_that_is_none_is_refused(file: Path):
     with refused(names=["m"]):
         read_recording(file, Columns(XY, time="ms", time_unit="m"))
+
+
+@pytest.mark.parametrize("labels", [("1", "2", "12r"), ("x", "1", "2"), ("1", "02", "3")])
+def test_labels_are_text_even_if_the_first_looks_like_a_number(
+    tmp_path: Path, labels: tuple[str, ...]
+):
+    path = tmp_path / "means.csv"
+    path.write_text("position,ax\n" + "".join(f"{one},0.5\n" for one in labels))
+    table = read_columns(path, Columns((("ax", "ax", "g"),), rate_hz=1.0, label="position"), [])
+    assert table.columns["position"].tolist() == list(labels)
+    assert table.numbers("ax").tolist() == [0.5] * len(labels)
+    path.write_text("ax\n0.5\n0.25\n")
+    both = read_columns(path, Columns((("ax", "ax", "g"),), rate_hz=1.0, label="ax"), [])
+    assert both.numbers("ax").tolist() == [0.5, 0.25]

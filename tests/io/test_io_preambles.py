@@ -31,6 +31,11 @@ PREAMBLES: dict[str, tuple[str, str]] = {
     "sep and settings": ("sep=,\nserial,417\n", TABLE),
     "comments": ("% one\n% two, with words\n", TABLE),
     "comments before settings": ("# one\nserial,417\n", TABLE),
+    "words": ("LogMyIMU\nstarted\n", TABLE),
+    "words above semicolons": ("LogMyIMU\nstarted\n", TABLE.replace(",", ";")),
+    "words above tabs": ("LogMyIMU\nstarted\n", TABLE.replace(",", "\t")),
+    "words above spaces": ("LogMyIMU\nstarted\n", TABLE.replace(",", " ")),
+    "as many words as a line": ("Log my IMU\nstarted at noon\n", TABLE.replace(",", "; ")),
 }
 
 
@@ -47,6 +52,24 @@ def test_the_header_is_found_below_lines_of_the_logger(
     np.testing.assert_allclose(found.time, np.arange(N) / 100)
     assert found.data.tolist() == [[k % 7, k % 5] for k in range(N)]
     assert found.first_row == before.count("\n") + 2
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_names_with_blanks_and_units_are_found_below_words(tmp_path: Path, separator: str):
+    path = tmp_path / "log.csv"
+    names = ("millis", "aX (g)", "bat V")
+    rows = [f"{k},{k / 8},4.1".replace(",", separator) for k in range(N)]
+    path.write_text("\n".join(["LogMyIMU", "started", separator.join(names), *rows]))
+    found = read_table(path)
+    assert found.names == names
+    assert found.columns["aX (g)"].tolist() == [k / 8 for k in range(N)]
+
+
+@pytest.mark.parametrize("first", ["volts", "free\nfall", "1.5"])
+def test_a_file_of_one_column_keeps_it(tmp_path: Path, first: str):
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([first, *(str(k / 8) for k in range(N))]))
+    assert len(read_table(path).names) == 1
 
 
 def test_the_parser_of_long_files_starts_below_them_too(tmp_path: Path):

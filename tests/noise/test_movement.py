@@ -159,9 +159,17 @@ def test_noise_of_a_sensor_that_moved_begins_with_that_it_moved(tmp_path: Path):
     log = write_log(tmp_path / "log.csv", other_face)
     options = (*UNITS, "--report", "--out", tmp_path)
     done = run_program("noise", log, *options)
-    assert done.status == 0, done.error
+    assert done.status == 3, done.error
     assert done.output.startswith("NOT AT REST")
     assert 'class="verdict bad"' in (tmp_path / "log.noise.html").read_text()
+
+
+@pytest.mark.parametrize("json", [False, True])
+def test_a_script_sees_by_the_exit_status_that_the_sensor_moved(tmp_path: Path, json: bool):
+    log = write_log(tmp_path / "log.csv", other_face)
+    done = run_program("noise", log, *UNITS, "--terms", "N", *("--json",) * json)
+    assert done.status == 3
+    assert done.output
 
 
 def test_a_disturbed_rest_is_stored(tmp_path: Path):

@@ -4,6 +4,7 @@ import atexit
 import ctypes
 import gc
 import sys
+import warnings
 
 # Python searches for unreachable cycles after this number of new objects, by default 700 or 2000.
 # Compiling kernels creates millions of objects, nearly all of them reachable, and the search takes
@@ -20,7 +21,13 @@ _RETURNED_BEYOND = 2**31 - 1  # free bytes at the end of the heap from which the
 
 
 def prepare_process() -> None:
-    """Keep freed array memory for later arrays, and run the garbage collector less often."""
+    """Keep freed array memory for later arrays, and run the garbage collector less often.
+
+    Warnings of NumPy about absurd numbers are left out, because the checks of the results name the
+    cause. An option -W of Python, or PYTHONWARNINGS, shows them.
+    """
+    if not sys.warnoptions:
+        warnings.filterwarnings("ignore", category=RuntimeWarning)
     gc.set_threshold(_LOADED_OBJECTS)
     gc.callbacks.append(_search_more_often)
     # When a process ends, the system frees its memory. Searching all objects of the libraries for

@@ -118,6 +118,7 @@ def issue(
         raise _option_error(
             "--reason", "--reason must be given together with --amends or --replaces"
         )
+    earlier: list[str] = []
     key = None if sign is None else read_signing_key(sign, _passphrase(sign))
     change = "amended" if amends else "substituted" if replaces else ""
     options = IssueOptions(font, schema, key, change, amends or replaces or "", reason or "")
@@ -142,10 +143,23 @@ def issue(
         with console.open_register(register, by) as opened:
             entry = issue_certificate(file, given, options, opened)
             address = opened.address
+            if not options.change:
+                earlier = [
+                    one.number
+                    for one in opened.certificates()
+                    if one.calibration == entry.calibration and one.number != entry.number
+                ]
         number = entry.number
         written = _write(entry.files, out, number, force, number)
+    if earlier:
+        console.report_line(
+            f"warning: this calibration already has the certificate {', '.join(earlier)}, to which "
+            f"{number} does not refer; if {number} should not stand beside it, issue a "
+            f"certificate with --replaces {number} and --reason"
+        )
     if json:
-        console.print_json({"number": number, "register": address, **written})
+        content = {"number": number, "register": address, **written}
+        console.print_json(content | ({"other_certificates": earlier} if earlier else {}))
         return
     console.print_written_files(written.values())
 

@@ -210,8 +210,8 @@ def cost_lines(made: "Export") -> list[str]:
         )
         lines.append(
             f"error in {QUANTITIES[one.measures].name} over the range: maximum {largest}, rms {rms}"
-            + (f", where U is {there}" if one.expanded else "")
-            + (" (exceeds U)" if one.exceeds else "")
+            + (f", U at the point of the maximum {there}" if one.expanded else "")
+            + (f" (exceeds U{' elsewhere' * (one.largest <= one.expanded)})" if one.exceeds else "")
         )
     return lines
 

@@ -29,6 +29,11 @@ def run(
         help="An option of the format, such as --set part=gyro.",
     ),
     name: str | None = typer.Option(None, help="Name of the sensor."),
+    axes: str | None = typer.Option(
+        None,
+        help="Body axes of the file's x, y, z, such as 'x -y -z' (default: those that inercal "
+        "wrote in the file, or else 'x y z').",
+    ),
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -45,6 +50,7 @@ def run(
         like=None if like is None else load(like),
         options=assignments(stated, "--set", OPTION_FORM),
         name=name or "",
+        axes=axes,
     )
     save(calibration, path)
     if json:

@@ -6,7 +6,7 @@ from pathlib import Path
 import typer
 
 from inercal.basics.atomic_files import write_text
-from inercal.basics.errors import MissingExtra
+from inercal.basics.errors import InputError, MissingExtra
 from inercal.cli.console import print_json, print_written_files, report_line
 from inercal.cli.log_drafts import SET, draft_logs
 from inercal.cli.options import Force, Json
@@ -39,6 +39,12 @@ def run(
     """
     from inercal.pipeline.drafts import recording_name
 
+    if run_file := next((one for one in logs if one.suffix.lower() == ".toml"), None):
+        raise InputError(
+            f"{run_file} is a run file already: calibrate it with inercal calibrate {run_file}, or "
+            "give a recording",
+            file=run_file,
+        )
     path = out or Path(f"{recording_name(logs)}.toml")
     files = {"run_file": path}
     page = path.with_suffix(".draft.html")

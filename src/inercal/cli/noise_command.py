@@ -175,13 +175,17 @@ def run(
         if sheet is not None:
             content["data_sheet"] = sheet_object(sheet, compared)
         print_json(content | ({"entered": entered} if entered else {}))
-        return
-    print_analysis(analysis)
-    if sheet is not None:
-        print_comparison_with_sheet(compared, sheet)
-    print_written_files(files.values())
-    if entered:
-        print(f"{entered['register']}: noise analysis {entered['number']} of {entered['sensor']}")
+    else:
+        print_analysis(analysis)
+        if sheet is not None:
+            print_comparison_with_sheet(compared, sheet)
+        print_written_files(files.values())
+        if entered:
+            print(
+                f"{entered['register']}: noise analysis {entered['number']} of {entered['sensor']}"
+            )
+    if analysis.movement:
+        raise typer.Exit(3)
 
 
 def _require_rest(

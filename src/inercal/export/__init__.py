@@ -174,8 +174,7 @@ def export_calibration(
                 "remove --refit",
                 key="--refit",
             )
-        sensor = calibration.sensor
-        readings = sensor.forward(samples.motion, calibration.values)
+        readings = model.sensor.forward(samples.motion, model.calibration.values)
         model = export_model(calibration, axes, refit=(samples.motion, readings))
     request = Request(
         model,
@@ -259,7 +258,7 @@ def identifier(text: str) -> str:
 
 def _refusal(target: Target, cost: tuple[Cost, ...], lost: tuple[Loss, ...]) -> str:
     worst = "; ".join(
-        " where U is ".join(
+        ", with a U at that point of ".join(
             format_quantity(size, 0.0, QUANTITIES[one.measures].bias_unit, 3)
             for size in (one.largest, one.expanded)
         )

@@ -97,7 +97,8 @@ def header_lines(
             for kind, triad in model.triads
         ]
     if model.calibration.states_uncertainty:
-        lines.append("uncertainties and covariance are only in the calibration file")
+        kept = "the covariance is" if rendering.states_u else "uncertainties and covariance are"
+        lines.append(f"{kept} only in the calibration file")
     else:
         lines.append("the calibration states no uncertainties")
     lines += rendering.remarks
@@ -173,7 +174,9 @@ def _range_text(ranges: Ranges, model: ExportModel) -> str:
 
 def _cost_text(what: str, one: Cost) -> str:
     unit = QUANTITIES[one.measures].ascii_unit
-    against = f"; U (k = 2) of the calibration there: {one.expanded:.3g}" if one.expanded else ""
+    against = (
+        f"; U (k = 2) of the calibration at that point: {one.expanded:.3g}" if one.expanded else ""
+    )
     if one.exceeds:
         against += "; the error exceeds U somewhere in the range"
     return (

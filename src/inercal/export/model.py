@@ -196,7 +196,8 @@ def export_model(
         The target's x, y and z in terms of the body's axes: "x -y -z" converts front-left-up to
         front-right-down.
     refit : (Motion, (n, m) array), optional
-        Motions and their readings in SI; the linear terms are fitted to them by least squares.
+        Motions and the readings of the axes of `completed_triads`, SI; the linear terms are fitted
+        to them by least squares.
 
     Raises
     ------
@@ -329,13 +330,17 @@ def _linear_part(calibration: Calibration) -> tuple[Array, Array]:
 
 
 def _fitted(calibration: Calibration, motion: Motion, readings: Array) -> tuple[Array, Array]:
-    """Return slope (m, width) and bias (m,) from a least-squares fit that is linear in f, ω, m."""
+    """Return slope (m, width) and bias (m,) from a least-squares fit that is linear in f, ω, m.
+
+    Components that do not vary, such as those that no axis measures, keep their linear terms.
+    """
     n, width = readings.shape[0], calibration.sensor.width
     parts = (motion.f, motion.w, motion.m)[: width // 3]
     sensed = [np.broadcast_to(v, (n, 3)) for v in parts]
     columns = np.concatenate([*sensed, np.ones((n, 1))], axis=1)
     used = [*np.flatnonzero(np.ptp(columns, axis=0) > 0).tolist(), width]
-    solution = np.zeros((width + 1, readings.shape[1]))
+    slope, bias = _linear_part(calibration)
+    solution = np.vstack([slope.T, bias])
     known = _bias_powers(calibration)
     dT = np.broadcast_to(motion.dT, (n,))
     rest = readings - sum((dT[:, None] ** k * line for k, line in enumerate(known, 1)), np.zeros(1))

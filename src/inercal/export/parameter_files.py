@@ -11,6 +11,9 @@ import re
 from collections.abc import Mapping
 from math import isfinite
 
+import numpy as np
+
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.export.reader_definition import REFERENCE, StatedCalibration, StatedTriad
 
@@ -20,9 +23,39 @@ _NUMBERS = re.compile(r"\[[\d,\s]*\]")  # of `param show`: [used,all]
 _MARK = re.compile(r"\d+\s+\d+\s+|(?:[x*+]\s+)+")  # vehicle and component, or used and saved
 _NAME = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)+")
 _SHORTENED = 40
+_LISTED = 6
 
 
-def stated_parameters(text: str, autopilot: str) -> dict[str, float]:
+class StatedParameters(dict[str, float]):
+    """The parameters in a file by name; `assumed` contains the defaults used for others."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.assumed: dict[str, float] = {}
+
+    def value(self, name: str, default: float) -> float:
+        """Return a parameter, or else its default value in the flight controller."""
+        if name not in self:
+            self.assumed[name] = default
+        return self.get(name, default)
+
+    def axes(self, pattern: str, default: float) -> Array:
+        """Return the parameters of X, Y and Z, (3,), such as those of "CAL_ACC0_{}OFF"."""
+        return np.array([self.value(pattern.format(a), default) for a in "XYZ"])
+
+    def states(self, pattern: str) -> bool:
+        """Return whether the file states one of the parameters of X, Y and Z."""
+        return any(pattern.format(a) in self for a in "XYZ")
+
+
+def assumed_note(program: str, assumed: Mapping[str, float]) -> tuple[str, ...]:
+    """Return a note that names the values that a file does not state, or none."""
+    some = [f"{name} = {value:g}" for name, value in assumed.items()]
+    shown = ", ".join(some[:_LISTED]) + f" and {len(some) - _LISTED} more" * (len(some) > _LISTED)
+    return (f"not in the file, so the default of {program} is assumed: {shown}",) * bool(some)
+
+
+def stated_parameters(text: str, autopilot: str) -> StatedParameters:
     r"""Return the parameters in a text by name; if a name is repeated, its last value applies.
 
     >>> stated_parameters("1\t1\tCAL_ACC0_ID\t12\t6", "PX4")
@@ -37,7 +70,7 @@ def stated_parameters(text: str, autopilot: str) -> dict[str, float]:
     InputError
         A name has no number, or no line has a name.
     """
-    known: dict[str, float] = {}
+    known = StatedParameters()
     for place, raw in enumerate(text.splitlines(), start=1):
         line = _NUMBERS.sub(" ", _COMMENT.split(raw.replace('"', " "), maxsplit=1)[0]).strip()
         line = re.sub(r"[\t,;]", " ", line)
@@ -66,7 +99,11 @@ def stated_parameters(text: str, autopilot: str) -> dict[str, float]:
 
 
 def parameter_calibration(
-    program: str, triads: Mapping[str, StatedTriad], references: set[float], parameter: str
+    program: str,
+    triads: Mapping[str, StatedTriad],
+    references: set[float],
+    parameter: str,
+    known: StatedParameters,
 ) -> StatedCalibration:
     """Return the calibration stated by the parameters of a flight controller.
 
@@ -79,6 +116,8 @@ def parameter_calibration(
         Reference temperatures that the triads state, K.
     parameter : str
         Name of the parameter that contains the reference temperature.
+    known : StatedParameters
+        The parameters, after their values were used.
 
     Raises
     ------
@@ -98,6 +137,7 @@ def parameter_calibration(
             *(f"{program} states no misalignment and no scale factor of gyros",)
             * bool({*triads} - {"m"}),
             *(f"{program} states no rotation between magnetometers and body",) * ("m" in triads),
+            *assumed_note(program, known.assumed),
         ),
         magnetometer=triads.get("m"),
     )

@@ -151,6 +151,12 @@ def temperature_limits(
             "them; give --over-temperature, such as '-10 60 °C'",
             key="temperature",
         )
+    if not low < high:
+        raise InputError(
+            f"{target}: {low:g} to {high:g} °C: give the lower temperature as lowest",
+            key="--set",
+            names=("lowest", "highest"),
+        )
     if known is not None:
         ends = (known[0] - ZERO_CELSIUS, known[1] - ZERO_CELSIUS)
         if low < ends[0] - TEMPERATURE_MARGIN or high > ends[1] + TEMPERATURE_MARGIN:

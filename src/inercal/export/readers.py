@@ -12,6 +12,7 @@ way, and row r of A gives g_i = r·I, g_p = r·P and g_o = r·O.
 """
 
 import hashlib
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -21,15 +22,18 @@ from typing import Any
 
 import numpy as np
 
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.basics.registry import Registry
 from inercal.basics.small_files import read_small_file
 from inercal.basics.units import si_factor
 from inercal.calibration import Calibration
+from inercal.export.model import parse_axes
 from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
 from inercal.export.target_definition import resolve_options
 from inercal.export.term_kinds import temperature_order, term_kind
+from inercal.physics import frames
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors import TABLES, Axis, Readout, Sensor, axes_along
 
@@ -56,6 +60,7 @@ READERS: Registry[CalibrationReader] = Registry(
 _LARGEST = 4 << 20  # bytes; the parameters of a flight controller take about 100 kilobytes
 WITHOUT_COVARIANCE = "imported without covariance, so its uncertainties are not known"
 _LARGEST_SCALE_ERROR = 0.5
+_WRITTEN_AXES = re.compile(r"frame: \w+ of the calibration with axes ([-xyz ]+);")  # header.py
 
 
 def import_calibration(
@@ -65,6 +70,7 @@ def import_calibration(
     like: Calibration | None = None,
     options: Mapping[str, Any] | None = None,
     name: str = "",
+    axes: str | None = None,
 ) -> Calibration:
     """Import a calibration from a file made by another program.
 
@@ -81,6 +87,9 @@ def import_calibration(
         Options for the format, by name.
     name : str
         Name of the sensor; by default, the name in `like` or else the name of the file.
+    axes : str, optional
+        The file's x, y and z in terms of the body's axes, as in `export_calibration`. By default,
+        the axes that inercal wrote in the explanation of the file, or else "x y z".
 
     Returns
     -------
@@ -90,14 +99,17 @@ def import_calibration(
     Raises
     ------
     InputError
-        There is no such format, the file does not have this format, or the sensor does not match.
+        There is no such format, the file does not have this format, the sensor does not match, or
+        the file states other axes.
     """
     reader = READERS.find(of)
     resolved = resolve_options(reader.name, reader.options, options or {})
     path = Path(path)
     raw = read_small_file(path, f"{reader.meaning} file", _LARGEST)
     try:
-        stated = _for_sensor(reader.read(raw.decode("utf-8-sig"), resolved), like)
+        text = raw.decode("utf-8-sig")
+        stated = _for_sensor(reader.read(text, resolved), like)
+        stated = _in_body_axes(stated, axes, _WRITTEN_AXES.search(text))
         named = name or (path.name.partition(".")[0] if like is None else like.sensor.name)
         calibration = _build_calibration(stated, like, named, of)
     except UnicodeDecodeError:
@@ -114,6 +126,50 @@ def import_calibration(
     }
     notes = (WITHOUT_COVARIANCE, *stated.notes)
     return replace(calibration, provenance=provenance, notes=notes)
+
+
+def _in_body_axes(
+    stated: StatedCalibration, axes: str | None, written: re.Match[str] | None
+) -> StatedCalibration:
+    """Return a file's statement in the axes of the body, the inverse of `export_model`.
+
+    `axes` are those that the user states, and `written` those that an export stated in the file.
+    """
+    used = axes or (written[1] if written else "x y z")
+    turn = parse_axes(used)
+    if written and not np.array_equal(turn, parse_axes(written[1])):
+        raise InputError(
+            f"--axes {used!r}: the file itself states that its axes are {written[1]!r}; leave out "
+            "--axes",
+            key="--axes",
+        )
+    if np.array_equal(turn, np.eye(3)):
+        return stated
+
+    to_body, first = turn, stated.accelerometer
+    if stated.frame == "triangular" and first is not None and first.matrix is not None:
+        # This frame follows the order of the axes, so it is found again from the body's axes.
+        to_body = turn @ frames.decompose_triangular(turn.T @ first.matrix @ turn)[1].T
+
+    def back(one: StatedTriad | None) -> StatedTriad | None:
+        def turned(matrix: Array | None) -> Array | None:
+            return None if matrix is None else turn.T @ matrix @ to_body
+
+        return one and StatedTriad(
+            turned(one.matrix),
+            None if one.scale is None else np.abs(turn.T) @ one.scale,
+            None if one.bias is None else turn.T @ one.bias,
+            one.bias_powers @ turn,
+            turned(one.sensitivity),
+        )
+
+    return replace(
+        stated,
+        accelerometer=back(stated.accelerometer),
+        gyro=back(stated.gyro),
+        magnetometer=back(stated.magnetometer),
+        notes=(*stated.notes, f"turned from the axes of the file, {used}, to those of the body"),
+    )
 
 
 def _for_sensor(stated: StatedCalibration, like: Calibration | None) -> StatedCalibration:

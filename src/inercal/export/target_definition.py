@@ -12,7 +12,9 @@ from inercal.export.model import ExportModel
 from inercal.export.ranges import Ranges
 from inercal.export.term_kinds import TermKind
 
-_WORDS: dict[type, str] = {int: "a whole number", float: "a number", str: "a text"}
+_WORDS: dict[type, str] = {int: "a whole number", float: "a finite number", str: "a text"}
+DEVICE_ID = (1, (1 << 31) - 1)  # autopilots store an id as INT32, and 0 means no device
+STEP = (1e-15, 10**9)  # size of a count or of a step of a register, SI
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,8 @@ class TargetOption:
         converted to a float in SI.
     choices : tuple of str
         The permitted words.
+    limits : (float, float)
+        The least and the largest permitted number, in SI if the option is a quantity.
     """
 
     name: str
@@ -41,6 +45,7 @@ class TargetOption:
     kind: type[int] | type[float] | type[str] = float
     like: str = ""
     choices: tuple[str, ...] = ()
+    limits: tuple[float, float] = (-math.inf, math.inf)
 
 
 def resolve_options(
@@ -82,26 +87,31 @@ def resolve_options(
 
 
 def _value(option: TargetOption, value: Any) -> Any:
+    low, high = option.limits
+    wanted = " or ".join(option.choices) or _WORDS[option.kind]
+    if option.limits != (-math.inf, math.inf):
+        wanted += f" from {low} to {high}{option.like and ' in SI units'}"
     try:
         if option.like and isinstance(value, str):
-            return parse_quantity(value, like=option.like).value
-        if option.choices:
-            if value not in option.choices:
-                raise ValueError(f"give {' or '.join(option.choices)}")
-            return value
-        if option.kind is int:
-            return int(value, 0) if isinstance(value, str) else int(value)
-        found = option.kind(value)
-        if isinstance(found, float) and not math.isfinite(found):
-            raise ValueError
-        return found
+            found = parse_quantity(value, like=option.like).value
+        elif option.kind is int:
+            found = int(value, 0) if isinstance(value, str) else int(value)
+        else:
+            found = option.kind(value)
+        allowed = found in option.choices if option.choices else True
+        if not isinstance(found, str):
+            allowed = math.isfinite(found) and low <= found <= high
+        if allowed:
+            return found
     except InputError as error:
         raise error.located(f"--set {option.name}", key="--set") from None
-    except (TypeError, ValueError) as error:
-        what = str(error) if option.choices else f"{option.meaning}: give {_WORDS[option.kind]}"
-        raise InputError(
-            f"--set {option.name}={value}: {what}", key="--set", names=(option.name,)
-        ) from None
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InputError(
+        f"--set {option.name}={value}: give {wanted} ({option.meaning})",
+        key="--set",
+        names=(option.name,),
+    )
 
 
 @dataclass(frozen=True)
@@ -166,6 +176,8 @@ class Rendering:
         Path of the file within the folder, if the target writes a folder; otherwise "".
     beside : mapping of str to str
         The contents of the other files of this folder, by path.
+    states_u : bool
+        Whether the file contains the uncertainties of the coefficients.
     """
 
     correct: Callable[[Array, Array], Array]
@@ -181,6 +193,7 @@ class Rendering:
     rotation: Array | None = None
     place: str = ""
     beside: Mapping[str, str] = field(default_factory=dict[str, str])
+    states_u: bool = False
 
 
 @dataclass(frozen=True)

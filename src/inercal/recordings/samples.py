@@ -29,6 +29,18 @@ def sample_count(seconds: float, step: float) -> int:
     return round(round(seconds / step, 2))
 
 
+def mean_step(time: Array) -> float:
+    """Return the mean time between samples outside gaps, in the unit of the times, (n,).
+
+    The median of rounded steps may be wrong by half the rounding.
+
+    >>> mean_step(np.array([0.0, 10.0, 20.0, 29.0, 39.0, 100.0, 110.0]))
+    9.8
+    """
+    steps = np.diff(time)
+    return float(np.mean(steps[(steps >= 0) & (steps <= GAP_FACTOR * np.median(steps))]))
+
+
 @dataclass(frozen=True)
 class Mark:
     """A range of samples, `start` to `stop` (half open), that belongs to the plan step `label`."""
@@ -174,6 +186,11 @@ class Recording:
     def rate_hz(self) -> float:
         """Sampling rate, 1 divided by the median time between samples, Hz."""
         return 1 / self.median_step
+
+    @property
+    def mean_rate_hz(self) -> float:
+        """Mean sampling rate outside gaps, Hz; it is right even if the stamps are rounded."""
+        return 1 / mean_step(self.time)
 
     @cached_property
     def gaps(self) -> Indices:

@@ -206,7 +206,7 @@ def key_facts(outcome: Outcome) -> list[tuple[str, str]]:
     if recording is None:
         result.append(("Data", "means, read from a table"))
     else:
-        rate = f"{recording.rate_hz:.4g} Hz"
+        rate = f"{recording.mean_rate_hz:.4g} Hz"
         size = f"{recording.time.size} samples\n{format_duration(recording.duration)} at {rate}"
         result.append(("Data", size))
     result.append(("Gravity", outcome.calibration.conditions.get("gravity", "")))

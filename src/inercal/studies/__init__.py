@@ -62,7 +62,10 @@ def reproduce(
     name = name.replace("_", "-")
     if name not in STUDIES:
         raise InputError(
-            f"no study {name!r}; the studies are {', '.join(STUDIES)}", key="name", names=(name,)
+            f"no study {name!r}; the studies are {', '.join(STUDIES)}. A bundle is a file whose "
+            "name ends in .zip",
+            key="name",
+            names=(name,),
         )
     if trials < _MIN_TRIALS:
         raise InputError(

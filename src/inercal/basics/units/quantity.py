@@ -15,6 +15,7 @@ from inercal.basics.units.expression import (
 )
 
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+_TOO_LARGE = 1e50  # SI; larger than any quantity, and its powers would overflow
 _QUANTITY = re.compile(rf"({_NUMBER}) *(.*)")
 _COVERAGE = re.compile(rf"[,(]? *k *= *({_NUMBER}) *\)?$")
 _GROUP = re.compile(r"\(([^±]*)±([^±)]*)\)(.*)")  # "(12 ± 3) µg"
@@ -163,7 +164,7 @@ def _value(number: float, unit: str, like: str) -> float:
         raise NotationError(f"has no unit; expected {dimension_text(like, f'{number:g} {like}')}")
     read = require_dimension(unit or "1", like)
     value = number * read.size + read.offset
-    if not math.isfinite(value):
+    if not abs(value) < _TOO_LARGE:
         raise NotationError("is too large; write a smaller number")
     return value
 
@@ -185,7 +186,7 @@ def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
         raise NotationError(f"states a relative uncertainty, undefined here; state it in {like!r}")
     else:
         sd *= read_unit(sd_unit).size * abs(value)
-    if not math.isfinite(sd):
+    if not sd < _TOO_LARGE:
         raise NotationError("states an uncertainty that is too large; write a smaller one")
     return sd
 

@@ -120,8 +120,23 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
     Raises
     ------
     InputError
-        If neither calibration can be converted to the frame and form of the other.
+        If neither calibration can be converted to the frame and form of the other, or if they have
+        no measured coefficient in common.
     """
+    if not (found := _compare_converted(first, second)).names:
+        axes = " and ".join(
+            f"{sensor.name} has {', '.join(sensor.channels)}"
+            for sensor in (first.sensor, second.sensor)
+        )
+        raise InputError(
+            "there is nothing to compare, because the calibrations have no measured coefficient "
+            f"in common ({axes}); give two calibrations of the same sensor",
+            names=(first.sensor.name, second.sensor.name),
+        )
+    return found
+
+
+def _compare_converted(first: Calibration, second: Calibration) -> Comparison:
     try:
         return build_comparison(match_frame_and_form(first, second), second)
     except InputError as error:

@@ -26,7 +26,13 @@ from inercal.basics.units import ZERO_CELSIUS
 from inercal.export.parameter_files import parameter_calibration, stated_parameters
 from inercal.export.ranges import temperature_limits
 from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
-from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.target_definition import (
+    DEVICE_ID,
+    Rendering,
+    Request,
+    Target,
+    TargetOption,
+)
 from inercal.export.targets import shared
 
 _WORDS = {"f": "ACC", "w": "GYR"}
@@ -38,14 +44,14 @@ _UNIT = 1e-6
 _ORDERS = 3
 _MIN_SPAN = 10.0  # K
 _SMALLEST = 1e-9  # an offset of exactly 0 means "not calibrated"
-_IMU = TargetOption("imu", "number of the IMU, 1 to 3", 1, kind=int)
-_COMPASS = TargetOption("compass", "number of the compass, 1 to 3", 1, kind=int)
+_IMU = TargetOption("imu", "number of the IMU", 1, kind=int, limits=(1, 3))
+_COMPASS = TargetOption("compass", "number of the compass", 1, kind=int, limits=(1, 3))
 OPTIONS = (
     _IMU,
     _COMPASS,
-    TargetOption("acc_id", "INS_ACC_ID of this board", kind=int),
-    TargetOption("gyro_id", "INS_GYR_ID of this board", kind=int),
-    TargetOption("mag_id", "COMPASS_DEV_ID of this board", kind=int),
+    TargetOption("acc_id", "INS_ACC_ID of this board", kind=int, limits=DEVICE_ID),
+    TargetOption("gyro_id", "INS_GYR_ID of this board", kind=int, limits=DEVICE_ID),
+    TargetOption("mag_id", "COMPASS_DEV_ID of this board", kind=int, limits=DEVICE_ID),
     TargetOption("offset_max", "COMPASS_OFFS_MAX of this board, milligauss", _LARGEST_OFFSET),
     shared.MAX_ROTATION,
     TargetOption("lowest", "INS_TCALn_TMIN, where temperature is corrected, degC"),
@@ -83,13 +89,6 @@ def _render(request: Request) -> Rendering:
     model, options = request.model, request.options
     shared.require_aligned(model, "ardupilot")
     imu = options["imu"]
-    for name in ("imu", "compass"):
-        if not 1 <= options[name] <= 3:
-            raise InputError(
-                f"--set {name}={options[name]} is not possible; give 1 to 3",
-                key="--set",
-                names=(name,),
-            )
     reference = model.sensor.reference_temperature - ZERO_CELSIUS
     inertial = [(kind, triad) for kind, triad in model.triads if kind != "m"]
     thermal = any(triad.bias_powers.any() for _, triad in inertial)
@@ -239,10 +238,10 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     references: set[float] = set()
     for kind, word in _WORDS.items():
         offsets, scales, _, temperature = _parameter_names(kind, imu)
-        if f"{offsets}X" not in known:
+        if not known.states(offsets + "{}"):
             continue
-        bias = np.array([known.get(offsets + a, 0.0) for a in "XYZ"])
-        scale = np.array([known.get(scales + a, 1.0) for a in "XYZ"])
+        bias = known.axes(offsets + "{}", 0.0)
+        scale = np.ones(3) if kind == "w" else known.axes(scales + "{}", 1.0)
         if (scale == 0).any():
             raise InputError(f"{scales}X … Z contain a 0, so this accelerometer was not calibrated")
         powers = np.zeros((0, 3))
@@ -255,8 +254,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             highest = known.get(f"INS_TCAL{imu}_TMAX", inf)
             taken = min(max(known[temperature], lowest), highest)
             about = [
-                [known.get(f"INS_TCAL{imu}_{word}{k}_{a}", 0.0) for a in "XYZ"]
-                for k in range(1, _ORDERS + 1)
+                known.axes(f"INS_TCAL{imu}_{word}{k}_{{}}", 0.0) for k in range(1, _ORDERS + 1)
             ]
             powers = _shifted(np.array(about) * _UNIT, taken - _CENTRE)
             references.add(taken + ZERO_CELSIUS)
@@ -264,10 +262,9 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             scale=1 / scale if kind == "f" else None, bias=bias, bias_powers=powers
         )
     ofs, dia, odi, factor = _compass_names(options["compass"])
-    if f"{ofs}X" in known:
-        offset, diagonal, off = (
-            np.array([known.get(stem + a, 0.0) for a in "XYZ"]) for stem in (ofs, dia, odi)
-        )
+    if known.states(ofs + "{}"):
+        offset, off = known.axes(ofs + "{}", 0.0), known.axes(odi + "{}", 0.0)
+        diagonal = known.axes(dia + "{}", 1.0)
         # ArduPilot applies no matrix if the diagonal is 0, and no factor if it is 0.
         diagonal, off = (diagonal, off) if diagonal.any() else (np.ones(3), np.zeros(3))
         triads["m"] = shared.stated_magnetometer(
@@ -278,7 +275,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             f"there are no parameters of IMU {imu} or compass {options['compass']}, such as "
             "INS_ACCOFFS_X or COMPASS_OFS_X; give parameters of ArduPilot, or another --set imu=…"
         )
-    return parameter_calibration("ArduPilot", triads, references, "CALTEMP")
+    return parameter_calibration("ArduPilot", triads, references, "CALTEMP", known)
 
 
 TARGET = Target(

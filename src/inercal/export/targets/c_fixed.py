@@ -16,7 +16,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units.definitions import canonical_name
-from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.target_definition import STEP, Rendering, Request, Target, TargetOption
 from inercal.export.targets.c_headers import check_lines, header_text
 from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, needed
 from inercal.physics.quantities import QUANTITIES
@@ -25,7 +25,7 @@ _FRACTION = {"f": 16, "w": 20}
 _BITS = 28  # bits of K; six products with 32-bit counts then fit in 63 bits
 _MAX_SHIFT = 40
 _LARGEST_CONSTANT = 1 << 61  # the sum of the products is at most 2^61.6
-OPTIONS = (TargetOption("lsb", "output units of one count of the reading"),)
+OPTIONS = (TargetOption("lsb", "output units of one count of the reading", limits=STEP),)
 
 
 def _render(request: Request) -> Rendering:
@@ -34,10 +34,6 @@ def _render(request: Request) -> Rendering:
     default = 1.0 if {canonical_name(unit) for unit in units} == {"LSB"} else None
     stated = request.options["lsb"]
     lsb: float = needed({"lsb": default if stated is None else stated}, OPTIONS, "lsb", "c_fixed")
-    if not lsb > 0:
-        raise InputError(
-            f"--set lsb={lsb:g} is not possible; give a number above 0", key="--set", names=("lsb",)
-        )
     kinds = [kind for kind, _ in model.triads]
     inputs, matrix = model.inputs, model.gain * lsb
     n, m = matrix.shape

@@ -22,6 +22,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
+from inercal.export.parameter_files import assumed_note
 from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
@@ -124,7 +125,7 @@ def _render_ros(request: Request) -> Rendering:
     )
 
 
-def _stated(matrix: Array, bias: Array, note: str, unit: str | None = None) -> StatedCalibration:
+def _stated(matrix: Array, bias: Array, *notes: str, unit: str | None = None) -> StatedCalibration:
     """Return magnetometers with the correction S (m − bias), after checks of both."""
     if not (np.isfinite(matrix).all() and np.isfinite(bias).all()):
         raise InputError("the matrix and the offset must be finite numbers")
@@ -135,7 +136,7 @@ def _stated(matrix: Array, bias: Array, note: str, unit: str | None = None) -> S
         None,
         output=unit is not None,
         units=None if unit is None else ("", "", unit),
-        notes=(note,),
+        notes=notes,
         magnetometer=StatedTriad(matrix=shared.inverse(matrix), bias=bias),
     )
 
@@ -156,7 +157,7 @@ def _read_magcal(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     if field is None:
         factor = si_factor(options["unit"], like="T")
         note = f"corrected readings are taken as a field in {options['unit']}"
-        return _stated(matrix.T * factor, bias.ravel(), note, options["unit"])
+        return _stated(matrix.T * factor, bias.ravel(), note, unit=options["unit"])
     if not (given > 0 and field > 0):
         raise InputError(
             "the scale of A needs a field strength above 0: give expmfs in the file or "
@@ -165,7 +166,7 @@ def _read_magcal(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             names=("expmfs", "field"),
         )
     note = f"scaled so that expmfs {given:.6g} is a field of {field * 1e6:.6g} µT"
-    return _stated(matrix.T * field / given, bias.ravel(), note, options["unit"])
+    return _stated(matrix.T * field / given, bias.ravel(), note, unit=options["unit"])
 
 
 def _read_ros(text: str, options: Mapping[str, Any]) -> StatedCalibration:
@@ -182,7 +183,13 @@ def _read_ros(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             f"these are no parameters of magnetometer_bias_remover: give {_BIAS}x, _y and _z, and "
             f"{_MATRICES[0]} with 9 numbers"
         ) from None
-    return _stated(matrix.reshape(3, 3), bias, "readings of sensor_msgs/MagneticField, in T")
+    assumed = {_BIAS + a: 0.0 for a, one in zip("xyz", found, strict=True) if one is None}
+    if rows is None:
+        assumed |= {f"{_MATRICES[0]}[{k}]": float(k % 4 == 0) for k in range(9)}
+    note = "readings of sensor_msgs/MagneticField, in T"
+    return _stated(
+        matrix.reshape(3, 3), bias, note, *assumed_note("magnetometer_bias_remover", assumed)
+    )
 
 
 MAGCAL = Target("magcal", "A and b of magcal (MATLAB), JSON", ".json", _HOLDS, _render_magcal)

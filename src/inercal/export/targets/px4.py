@@ -23,7 +23,13 @@ from inercal.basics.units import ZERO_CELSIUS
 from inercal.export.parameter_files import parameter_calibration, stated_parameters
 from inercal.export.ranges import temperature_limits
 from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
-from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.target_definition import (
+    DEVICE_ID,
+    Rendering,
+    Request,
+    Target,
+    TargetOption,
+)
 from inercal.export.targets import shared
 
 _INTEGER, _REAL = 6, 9  # MAV_PARAM_TYPE
@@ -33,16 +39,32 @@ _GAUSS = 1e-4  # T
 _MAG_SCALES = (0.1, 3.0)  # range of CAL_MAGn_XSCALE in its definition
 _ORDERS = 3
 _SETS = 4  # number of thermal parameters
-_INSTANCE = TargetOption("instance", "n of CAL_ACCn, CAL_GYROn and CAL_MAGn", 0, kind=int)
+_INSTANCE = TargetOption(
+    "instance", "n of CAL_ACCn, CAL_GYROn and CAL_MAGn", 0, kind=int, limits=(0, _SETS - 1)
+)
 
 OPTIONS = (
-    TargetOption("acc_id", "device id of the accelerometer, CAL_ACCn_ID of this board", kind=int),
-    TargetOption("gyro_id", "device id of the gyro, CAL_GYROn_ID of this board", kind=int),
-    TargetOption("mag_id", "device id of the magnetometer, CAL_MAGn_ID of this board", kind=int),
+    *(
+        TargetOption(
+            f"{word.lower()}_id",
+            f"device id of the {device}, CAL_{word}n_ID of this board",
+            kind=int,
+            limits=DEVICE_ID,
+        )
+        for word, device in (("ACC", "accelerometer"), ("GYRO", "gyro"), ("MAG", "magnetometer"))
+    ),
     _INSTANCE,
-    TargetOption("priority", "CAL_ACCn_PRIO", 50, kind=int),
-    TargetOption("rotation", "CAL_ACCn_ROT; -1 for a sensor on the board", -1, kind=int),
-    TargetOption("mag_rotation", "CAL_MAGn_ROT; -1 for a sensor on the board", -1, kind=int),
+    TargetOption("priority", "CAL_ACCn_PRIO", 50, kind=int, limits=(-1, 100)),
+    *(
+        TargetOption(
+            f"{before}rotation",
+            f"CAL_{word}n_ROT; -1 for a sensor on the board",
+            -1,
+            kind=int,
+            limits=(-1, 100),  # up to 40, and 100 for stated angles
+        )
+        for before, word in (("", "ACC"), ("mag_", "MAG"))
+    ),
     shared.MAX_ROTATION,
     TargetOption("lowest", "TC_An_TMIN, where temperature is corrected, degC"),
     TargetOption("highest", "TC_An_TMAX, where temperature is corrected, degC"),
@@ -53,10 +75,6 @@ def _render(request: Request) -> Rendering:
     model, options = request.model, request.options
     shared.require_aligned(model, "px4")
     n = options["instance"]
-    if not 0 <= n <= 3:
-        raise InputError(
-            f"--set instance={n} is not possible; PX4 has 0 to 3", key="--set", names=("instance",)
-        )
     lines: list[tuple[str, float, int]] = []
     corrections: dict[str, shared.Correction] = {}
     limits = (-np.inf, np.inf)
@@ -154,12 +172,12 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     references: set[float] = set()
     for kind, (word, letter) in _NAMES.items():
         stem = f"CAL_{word}{n}_"
-        if f"{stem}XOFF" not in known:
+        if not known.states(f"{stem}{{}}OFF"):
             continue
-        bias = np.array([known.get(f"{stem}{a}OFF", 0.0) for a in "XYZ"])
-        scale = np.array([known.get(f"{stem}{a}SCALE", 1.0) for a in "XYZ"])
+        bias = known.axes(f"{stem}{{}}OFF", 0.0)
+        scale = np.ones(3) if kind == "w" else known.axes(f"{stem}{{}}SCALE", 1.0)
         if kind == "m":
-            off = np.array([known.get(f"{stem}{a}ODIAG", 0.0) for a in "XYZ"])
+            off = known.axes(f"{stem}{{}}ODIAG", 0.0)
             triads[kind] = shared.stated_magnetometer(scale, off, bias * _GAUSS, "PX4")
             continue
         if (scale == 0).any():
@@ -168,12 +186,12 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
         if (thermal := _thermal_set(known, letter, known.get(f"{stem}ID"))) is not None:
             table = np.array(
                 [
-                    [known.get(f"{thermal}X{k}_{a}", 0.0) for a in range(3)]
+                    [known.value(f"{thermal}X{k}_{a}", 0.0) for a in range(3)]
                     for k in range(_ORDERS + 1)
                 ]
             )
             bias, powers = bias + table[0], table[1:]
-            references.add(known.get(f"{thermal}TREF", 25.0) + ZERO_CELSIUS)
+            references.add(known.value(f"{thermal}TREF", 25.0) + ZERO_CELSIUS)
         triads[kind] = StatedTriad(
             scale=1 / scale if kind == "f" else None, bias=bias, bias_powers=powers
         )
@@ -182,7 +200,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             f"there are no parameters CAL_ACC{n}_XOFF, CAL_GYRO{n}_XOFF or CAL_MAG{n}_XOFF; give "
             "parameters of PX4, or another --set instance=…"
         )
-    return parameter_calibration("PX4", triads, references, "TREF")
+    return parameter_calibration("PX4", triads, references, "TREF", known)
 
 
 def _thermal_set(known: Mapping[str, float], letter: str, device: float | None) -> str | None:

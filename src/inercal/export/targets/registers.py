@@ -25,7 +25,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.target_definition import STEP, Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
 from inercal.export.term_kinds import TermKind
 
@@ -78,15 +78,21 @@ OPTIONS = (
         kind=str,
         choices=("scale", "bias"),
     ),
-    TargetOption("acc_bias_lsb", "size of a step of the bias registers, '0.8 mg'", like="m/s^2"),
-    TargetOption(
-        "gyro_bias_lsb", "size of a step of the bias registers, '0.02 deg/s'", like="rad/s"
+    *(
+        TargetOption(
+            f"{name}_bias_lsb",
+            f"size of a step of the bias registers, '{step}'",
+            like=unit,
+            limits=STEP,
+        )
+        for name, step, unit in (("acc", "0.8 mg", "m/s^2"), ("gyro", "0.02 deg/s", "rad/s"))
     ),
     TargetOption(
         "scale_lsb",
         "size of a step of the scale registers, such as 2^-15; omit it if there are none",
+        limits=STEP,
     ),
-    TargetOption("bias_bits", "bits of a bias register", required=True, kind=int),
+    TargetOption("bias_bits", "bits of a bias register", required=True, kind=int, limits=(2, 64)),
 )
 _KINDS = {"f": ("acc_bias_lsb", "ACCL", "A"), "w": ("gyro_bias_lsb", "GYRO", "G")}
 _HELD: frozenset[TermKind] = frozenset({"bias", "scale"})

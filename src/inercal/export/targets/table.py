@@ -44,6 +44,7 @@ def _render(request: Request) -> Rendering:
         ("coefficients are those of the calibration in its own axes, u with k = 1, in SI",),
         takes_output=True,
         measured_only=True,
+        states_u=True,
     )
 
 

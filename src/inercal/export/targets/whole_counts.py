@@ -21,19 +21,28 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.export.parameter_files import assumed_note
 from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
-from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.target_definition import STEP, Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
 from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import G0
 
 _COUNTS: dict[Measures, TargetOption] = {
-    "f": TargetOption("acc_1g", "counts of the firmware at 1 g, such as 2048"),
-    "w": TargetOption("gyro_lsb", "size of a count of the gyros, '0.061 deg/s'", like="rad/s"),
-    "m": TargetOption("mag_lsb", "size of a count of the magnetometers, '0.15 uT'", like="T"),
+    "f": TargetOption("acc_1g", "counts of the firmware at 1 g, such as 2048", limits=STEP),
+    "w": TargetOption(
+        "gyro_lsb", "size of a count of the gyros, '0.061 deg/s'", like="rad/s", limits=STEP
+    ),
+    "m": TargetOption(
+        "mag_lsb", "size of a count of the magnetometers, '0.15 uT'", like="T", limits=STEP
+    ),
 }
-_GRAVITY = TargetOption("gravity", "gravity where INAV is used, '9.81 m/s^2'", G0, like="m/s^2")
-_FIELD = TargetOption("field", "strength of the field at INAV's calibration, '48 uT'", like="T")
+_GRAVITY = TargetOption(
+    "gravity", "gravity where INAV is used, '9.81 m/s^2'", G0, like="m/s^2", limits=(0, 20)
+)
+_FIELD = TargetOption(
+    "field", "strength of the field at INAV's calibration, '48 uT'", like="T", limits=STEP
+)
 _INT16 = (-(1 << 15), (1 << 15) - 1)
 _NAMES = {"f": ("acczero", "accgain"), "w": ("gyro_zero", ""), "m": ("magzero", "maggain")}
 _ACC_ONE, _MAG_ONE = 4096, 1024
@@ -44,14 +53,7 @@ _READINGS = (
 
 def _step(kind: Measures, options: Mapping[str, Any], program: str) -> float:
     """Return the size of a count, SI."""
-    option = _COUNTS[kind]
-    value = shared.needed(options, tuple(_COUNTS.values()), option.name, program)
-    if not value > 0:
-        raise InputError(
-            f"--set {option.name}: give a number above 0 ({option.meaning})",
-            key="--set",
-            names=(option.name,),
-        )
+    value = shared.needed(options, tuple(_COUNTS.values()), _COUNTS[kind].name, program)
     return G0 / value if kind == "f" else value
 
 
@@ -224,14 +226,22 @@ def _read_inav(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     settings = _cli_settings(text)
     stated: dict[Measures, tuple[list[float], Array | None]] = {}
     notes: list[str] = []
+    assumed: dict[str, float] = {}
     for kind in _COUNTS:
         name, gain_name = _NAMES[kind]
         prefixes = tuple(f"{one}_" for one in (name, gain_name) if one)
         if not any(one.startswith(prefixes) for one in settings):
             continue
         zero = [x for a in "xyz" for x in _setting(settings, f"{name}_{a}", "0")]
-        one = str(_ACC_ONE if kind == "f" else _MAG_ONE)
-        gain = [x for a in "xyz" for x in _setting(settings, f"{gain_name}_{a}", one)]
+        one = _ACC_ONE if kind == "f" else _MAG_ONE
+        gain = [x for a in "xyz" for x in _setting(settings, f"{gain_name}_{a}", str(one))]
+        defaults = {name: 0, gain_name: one} if gain_name else {name: 0}
+        assumed |= {
+            f"{setting}_{a}": default
+            for setting, default in defaults.items()
+            for a in "xyz"
+            if f"{setting}_{a}" not in settings
+        }
         if gain_name and min(gain) <= 0:
             raise InputError(f"{gain_name} must be above 0", names=(gain_name,))
         diagonal = _ACC_ONE / np.array(gain) if kind == "f" else None
@@ -242,7 +252,7 @@ def _read_inav(text: str, options: Mapping[str, Any]) -> StatedCalibration:
         stated[kind] = zero, diagonal
     if "w" in stated and settings.get("init_gyro_cal", "ON").upper() != "OFF":
         notes.append("init_gyro_cal is ON, so INAV measures gyro_zero again at each start")
-    return _imported("INAV", stated, options, notes)
+    return _imported("INAV", stated, options, (*notes, *assumed_note("INAV", assumed)))
 
 
 _BETAFLIGHT_OPTIONS = (_COUNTS["f"], _COUNTS["m"])

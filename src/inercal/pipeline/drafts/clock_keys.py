@@ -19,10 +19,12 @@ from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.row_checks import shared_stamps_text
 from inercal.recordings.io.time_stamps import is_iso_time, times_from_iso, times_from_origin
 from inercal.recordings.io.wrapped_numbers import unwrap_stamps, wrap_modulus
+from inercal.recordings.samples import mean_step
 
 _TIME_UNITS = ("s", "ms", "µs", "ns")
 _RATES = (1.0, 20e3)  # Hz, plausible sampling rates of IMUs
 _SAME_RATE = 0.2  # stated rates are nominal
+_ROUNDED_STEPS = 1e-3  # the mean of rounded steps may differ from their median, relative
 
 
 def clock_keys(
@@ -66,7 +68,11 @@ def clock_keys(
     seconds, _ = times_from_origin(stamps, si_factor(unit))
     if roles.reasons.get("time") != STATED and (why := _bursts(seconds)):
         return by_rate, (replace(rate_key, ask=f"{ask}; {name} is no clock: {why}"),)
-    reason = f"its steps are {step:.6g} {unit}, {1 / (step * si_factor(unit)):.5g} Hz"
+    mean = mean_step(stamps)
+    rounded = abs(mean / step - 1) > _ROUNDED_STEPS
+    typical = f"{mean:.4g} {unit} on average" if rounded else f"{step:.6g} {unit}"
+    hz = 1 / ((mean if rounded else step) * si_factor(unit))
+    reason = f"its steps are {typical}, {hz:.{4 if rounded else 5}g} Hz"
     units = () if unit == "s" else (DraftKey("data", "time_unit", unit, reason),)
     return seconds, (replace(entry, reason=reason) if not units else entry, *units, *wrap)
 

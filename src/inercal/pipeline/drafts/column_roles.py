@@ -313,7 +313,9 @@ def unknown_accelerometers(log: Path, table: Table, roles: ColumnRoles) -> Unkno
     used = {*roles.single.values(), *(c for triad in roles.triads.values() for c in triad)}
     free = [name for name in numbers if name not in used]
     example = free if len(free) >= 3 else list(numbers)
-    given = [int(n) if n.isdecimal() else n for n in example[:3]]
+    threes = [example[k : k + 3] for k in range(len(example) - 2)]
+    likely = next((three for three in threes if has_axes(three)), example[:3])
+    given = [int(n) if n.isdecimal() else n for n in likely]
     only = " only the gyros were recognised;" if "gyro" in roles.triads else ""
     listed = ", ".join(map(shorten, table.names[:_MOST_LISTED]))
     error = UnknownAccelerometers(

@@ -38,6 +38,7 @@ from inercal.recordings.data import unit_size
 from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.mean_tables import SD_SUFFIX
 from inercal.recordings.io.repeated_values import railed_ranges
+from inercal.recordings.samples import mean_step
 from inercal.recordings.temperature import COUNTS, first_impossible, seems_kelvin
 
 _NAMED = {"omega_over_pi": "0.5 rev/s"}
@@ -364,8 +365,7 @@ def facts(
         f"{format_count(len(table.names), 'column')}"
     ]
     if time is not None and time.size > 1:
-        step = float(np.median(np.diff(time)))
-        facts.append(f"{time[-1] - time[0]:.1f} s at {1 / step:.5g} Hz")
+        facts.append(f"{time[-1] - time[0]:.1f} s at {1 / mean_step(time):.5g} Hz")
     if rests is not None:
         spans = rests.spans
         samples = int((spans[:, 1] - spans[:, 0]).sum())

@@ -110,12 +110,15 @@ def _read_files(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
         found = _separate_angles(files, tables, values) or _separate_gyros(files, tables, values)
         if found is not None:
             return replace(found, signs=signs)
-    if any(table.names != tables[0].names or not table.header for table in tables):
+    headers = [table.names if table.header else () for table in tables]
+    usual = max(headers, key=headers.count)
+    if any(names != usual or not names for names in headers):
+        odd = next((k for k, names in enumerate(headers) if names != usual), 1)
         raise InputError(
-            f"{files[1]} is neither the gyros' file for {files[0]} nor a file with the same "
-            "columns: give one recording, one file with the accelerometers and one with the "
-            "gyros, or several files with the same header",
-            file=files[1],
+            f"{files[odd]} is neither the gyros' file for {files[headers.index(usual)]} nor a file "
+            "with the same columns: give one recording, one file with the accelerometers and one "
+            "with the gyros, or several files with the same header",
+            file=files[odd],
             names=tuple(map(str, files)),
         )
     pattern, table, roles = join_parts(files, tables, values)

@@ -89,9 +89,13 @@ def read_columns(path: Path, columns: Columns, extra_columns: Sequence[str]) -> 
     InputError
         A column is missing.
     """
-    table = read_table(path, options=columns.options)
-    beside = [name for name in (columns.label, columns.temperature) if name is not None]
-    for name in (*beside, *(name for _, name, _ in columns.channels), *extra_columns):
+    # Labels are text, also in a file in which only some of them look like numbers.
+    needed = [*(name for _, name, _ in columns.channels), *extra_columns]
+    needed += [] if columns.temperature is None else [columns.temperature]
+    label = [] if columns.label is None else [columns.label]
+    text = [name for name in label if name not in needed]
+    table = read_table(path, text=text, options=columns.options)
+    for name in (*label, *needed):
         if name not in table.columns:
             raise InputError(
                 f"{path}: no column {name!r}; it has {', '.join(table.columns)}",

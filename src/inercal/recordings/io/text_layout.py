@@ -239,19 +239,21 @@ def _split(
     """Return the lines, their delimiter and their entries.
 
     The delimiter is taken from the second line, or from the last line if a table with different
-    columns starts further down.
+    columns starts further down. Lines above this table may be as wide as a line of the table that
+    is split with their delimiter, so the delimiter of the last line is tried first.
     """
-    found: list[tuple[str | None, list[list[str]]]] = []
+    found: dict[str | None, list[list[str]]] = {}
     for sample in (rows[min(1, len(rows) - 1)].text, rows[-1].text):
         delimiter = separator or next((d for d in (";", "\t", ",", "|") if d in sample), None)
+        if delimiter in found:
+            continue
         for row in rows:  # refuse too many columns before a million short strings are stored
             refuse_too_many_columns(len(row.text.split(delimiter)), source)
-        table = [split_cells(row.text, delimiter) for row in rows]
-        found.append((delimiter, table))
-        if len(table[0]) == len(table[-1]):
-            return rows, delimiter, table
-    delimiter, table = found[1] if table_start(found[1][1]) != (0, 0) else found[0]
-    return rows, delimiter, table
+        found[delimiter] = [split_cells(row.text, delimiter) for row in rows]
+    delimiter, table = list(found.items())[-1]
+    if len(found) == 1 or table_start(table) != (0, 0):
+        return rows, delimiter, table
+    return rows, *next(iter(found.items()))
 
 
 def _count_advice(first: list[str], names: int, delimiter: str | None) -> str:
