@@ -20,7 +20,7 @@ from inercal.physics.section_settings import BenchUsage, Section, optional
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Observations, Recording
 from inercal.recordings.environment import Environment
-from inercal.recordings.temperature import TemperatureReadout, temperature_readout
+from inercal.recordings.temperature import TemperatureReadout, named_unit, temperature_readout
 
 if TYPE_CHECKING:
     from inercal.recordings.segments import RestDetection  # the kernels load with the readers
@@ -81,6 +81,14 @@ class DataSection(Section):
         examples=[{"accelerometer": "30 µg", "gyro": "5 °/h"}],
     )
     seconds: str | int | None = optional(about="for tables of means: durations, s")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _unit_by_name(cls, given: Any) -> Any:
+        """State the unit of temperature that the column's name states, such as "temp_F"."""
+        if isinstance(given, dict) and (column := given.get("temperature")) is not None:
+            return {"temperature_unit": named_unit(column), **given}
+        return given
 
     @model_validator(mode="after")
     def _keys_fit_together(self) -> "DataSection":
