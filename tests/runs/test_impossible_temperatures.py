@@ -10,7 +10,6 @@ from tests.runs.test_environment_runs import RAMP, written
 
 import inercal
 from inercal.basics.errors import InputError
-from inercal.pipeline.drafts import draft_run_file
 from inercal.pipeline.drafts.rest_recording import read_rest_recording
 from inercal.recordings.data import DataSection
 from inercal.runfile import read
@@ -102,8 +101,6 @@ def test_every_reader_converts_fahrenheit(tmp_path: Path):
     kelvin = read_rest_recording(tmp_path / "a.csv", {}).temperature
     assert kelvin is not None
     assert kelvin[[0, -1]] == pytest.approx([293.15, 303.15])
-    drafted = draft_run_file([tmp_path / "a.csv"], tmp_path / "a.toml").entries
-    assert [one.value for one in drafted if one.key == "temperature_unit"] == ["°F"]
 
 
 @pytest.mark.parametrize("text", ["0.2 °C", "0.2 K", "0.36 °F"])
