@@ -56,6 +56,8 @@ OPPOSITE_SIGN = "opposite sign"
 """`Finding.what` for a quantity that the sensors show with the opposite sign."""
 COARSE_READINGS = "coarse readings"
 """`Finding.what` for rounding errors that a method does not include."""
+WRONG_SOAK = "soak"
+"""`Finding.what` for a soak that alone disagrees with the model."""
 UNSEEN = "unseen"
 """`Finding.what` for an effect that a method cannot detect."""
 _NO_CAUSE = (
@@ -81,6 +83,7 @@ _REMEDIES = (
 _CAUSES = {
     OPPOSITE_SIGN: "the accelerometers or the gyros have the wrong sign",
     COARSE_READINGS: "rounding, whose errors this method does not include",
+    WRONG_SOAK: "the temperature of this soak is wrong, or the sensor changed in it",
 }  # by `Finding.what`: no other cause can be tested while one of these is present
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
