@@ -7,7 +7,6 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.recordings import Indices
 
-
 _JUMP = 10.0  # difference between the means of neighbouring quiet blocks, in limits of the scatter
 
 
