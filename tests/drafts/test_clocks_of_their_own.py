@@ -9,6 +9,10 @@ import scipy.io
 from tests import generated_logs as logs
 from tests.base_seeds import evidence
 from tests.drafts.test_kinds_of_logs import BIASES, assert_true, calibrated, chosen, drafted
+from tests.refusals import refused
+
+from inercal.basics.errors import InputError
+from inercal.pipeline.drafts.rest_recording import read_rest_recording
 
 GYRO_BIASES = {
     f"g{axis}.bias": np.radians(b) for axis, b in zip("xyz", (1.5, -0.8, 0.6), strict=True)
@@ -110,3 +114,15 @@ def test_dates_of_two_files_are_paired(zone: str, tmp_path: Path):
     draft = drafted(files, tmp_path, sensor__gyro__unit="rad/s")
     assert chosen(draft)["data.gyro_time"] == "time"
     assert_true(calibrated(draft), BIASES | GYRO_BIASES, k=4)
+
+
+def test_times_that_run_backwards_are_refused(tmp_path: Path):
+    time = 0.02 * np.arange(3000)[::-1]
+    force = np.random.default_rng(0).normal([0, 0, 9.8], 0.01, (3000, 3))
+    path = tmp_path / "a.csv"
+    np.savetxt(
+        path, np.column_stack([time, force]), "%.5f", ",", header="t_s,ax,ay,az", comments=""
+    )
+    for stated in ({}, {"data.rate": "50 Hz"}):
+        with refused(InputError, key="data.time", names=("t_s",)):
+            read_rest_recording(path, stated)

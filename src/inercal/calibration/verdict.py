@@ -215,7 +215,7 @@ def verdict(
         "" if added or cause or assessment.suspect is None else _alternatives_line(
             alternatives(assessment.suspect, estimate.score_tests, sensor, expected)
         ),
-        "" if graded.grade == "consistent" else _next_line(steps),
+        "" if graded.grade == "consistent" else _next_line(steps, () if assessment.rejects else told),
         _uncertainty_line(largest),
         _count_line(len(undetectable)),
     )  # fmt: skip
@@ -335,9 +335,14 @@ def _first_line(word: str, why: str) -> str:
     return first_fit(f"{word}: {why}.", f"{word}: {short}.", f"{word}: {cut}")
 
 
-def _next_line(steps: Sequence[_Step]) -> str:
-    """Return a line with the first necessary step; keys to paste are never shortened."""
+def _next_line(steps: Sequence[_Step], warnings: Sequence[str]) -> str:
+    """Return a line with the first necessary step; keys to paste are never shortened.
+
+    Without such a step, the first of the warnings is named, if only they reduce the grade.
+    """
     if not (steps and steps[0].needed):
+        if warnings:
+            return fit(f"{explanation.NEXT}resolve the warning: {warnings[0]}")
         return f"{explanation.NEXT}check the stated noise and bench, and read the warnings."
     text = f"{explanation.NEXT}{steps[0].text[:1].lower()}{steps[0].text[1:]}"
     return text if steps[0].has_keys else fit(text)

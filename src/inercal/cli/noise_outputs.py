@@ -55,9 +55,7 @@ class NoiseFiles:
             Files that are read. With --force, the noise may be written to the run file among them.
         """
         kind = OutputKind("noise file", b"# inercal noise")
-        check_outputs(
-            dict.fromkeys(self._texts(stem).values(), kind), inputs, force=self.force or None
-        )
+        check_outputs(dict.fromkeys(self._texts(stem).values(), kind), inputs, force=self.force)
         if self.section is not None:
             others = [
                 one for one in inputs if not (self.force and self.section == inputs[0] == one)
