@@ -401,3 +401,10 @@ def test_a_soak_at_another_temperature_than_recorded_is_named(tmp_path: Path):
     (found,) = [one for one in outcome.findings if one.what == "soak"]
     assert "the soak at 30.1 °C does not fit" in found.message
     assert "30.1 °C" in outcome.verdict.lines[0]
+
+
+def test_a_ramp_needs_no_bench(tmp_path: Path):
+    assert read(written(tmp_path, RAMP, {'[bench]\nkind = "hand"\n': ""})).environment is not None
+    soaks = SOAKS[: SOAKS.index("[bench]")] + SOAKS[SOAKS.index("[environment]") :]
+    with refused(InputError, key="[bench]"):
+        read(written(tmp_path, soaks))

@@ -109,3 +109,19 @@ def test_an_uncertainty_of_temperature_is_a_difference(tmp_path: Path, text: str
     environment = read(written(tmp_path, RAMP, {"[environment]\n": added})).environment
     assert environment is not None
     assert environment.temperature_sd == pytest.approx(0.2)
+
+
+def test_a_deviation_of_means_in_a_wrong_unit_names_both_possible_units():
+    table = {"p": ["x_p"], "ax": [8192.0], "ay": [1.0], "az": [2.0]}
+    with refused(InputError, key="[data.sd] accelerometer") as error:
+        inercal.calibrate(
+            table,
+            method="six_position",
+            sensor={"accelerometer": {"unit": "LSB", "scale": "8192 LSB/g"}},
+            bench={"gravity": "9.80665 m/s² ± 0.001 m/s²"},
+            kind="means",
+            label="p",
+            accelerometer=["ax", "ay", "az"],
+            sd={"accelerometer": "0.3 °/h"},
+        )
+    assert all(unit in str(error.value) for unit in ("m/s²", "LSB"))

@@ -183,6 +183,7 @@ def verdict(
     largest = _largest_uncertainties(estimate, sensor, expected)
     wrong = bool(far) or any(one.severity == "refused" for one in findings)
     told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
+    resolved = () if assessment.rejects else told
     scales = tuple(f"{_sentence(one)}: {why}." for one, why in far.items())
     sections = {
         explanation.AGREEMENT: (
@@ -215,7 +216,7 @@ def verdict(
         "" if added or cause or assessment.suspect is None else _alternatives_line(
             alternatives(assessment.suspect, estimate.score_tests, sensor, expected)
         ),
-        "" if graded.grade == "consistent" else _next_line(steps, () if assessment.rejects else told),
+        "" if graded.grade == "consistent" else _next_line(steps, resolved),
         _uncertainty_line(largest),
         _count_line(len(undetectable)),
     )  # fmt: skip
