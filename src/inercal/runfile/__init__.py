@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pydantic import ValidationError
 
@@ -123,7 +123,7 @@ def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
 def _follows_rest(content: Mapping[str, Any]) -> bool:
     """Return whether the method of a run file follows a single rest."""
     section = content.get("method")
-    name = section.get("name") if isinstance(section, Mapping) else None
+    name = cast("dict[str, Any]", section).get("name") if isinstance(section, dict) else None
     return isinstance(name, str) and name in METHODS and METHODS.find(name).follows_rest
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Self, TypeVar, cast
 
 from pydantic import Field, model_validator
 
@@ -20,7 +20,12 @@ from inercal.physics.section_settings import BenchUsage, Section, optional
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Observations, Recording
 from inercal.recordings.environment import Environment
-from inercal.recordings.temperature import TemperatureReadout, named_unit, temperature_readout
+from inercal.recordings.temperature import (
+    CELSIUS,
+    TemperatureReadout,
+    named_unit,
+    temperature_readout,
+)
 
 if TYPE_CHECKING:
     from inercal.recordings.segments import RestDetection  # the kernels load with the readers
@@ -86,9 +91,11 @@ class DataSection(Section):
     @classmethod
     def _unit_by_name(cls, given: Any) -> Any:
         """State the unit of temperature that the column's name states, such as "temp_F"."""
-        if isinstance(given, dict) and (column := given.get("temperature")) is not None:
-            return {"temperature_unit": named_unit(column), **given}
-        return given
+        if not isinstance(given, dict):
+            return given
+        keys = cast("dict[str, Any]", given)
+        unit = named_unit(keys.get("temperature", ""))
+        return keys if unit == CELSIUS.unit else {"temperature_unit": unit, **keys}
 
     @model_validator(mode="after")
     def _keys_fit_together(self) -> "DataSection":
