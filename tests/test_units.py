@@ -353,3 +353,14 @@ def test_a_scale_factor_of_the_other_kind_of_sensor_is_named_as_such():
     assert "accelerometer" in str(error.value)
     assert "gyro" in str(error.value)
     assert "^" not in str(error.value)
+
+
+def test_fahrenheit_has_its_zero_and_its_size():
+    assert to_si(np.array([32.0, 212.0]), "°F", "K") == pytest.approx([273.15, 373.15])
+    assert parse_quantity("77 ℉ ± 1.8 °F", "°C") == Measured(pytest.approx(298.15), 1.0)
+    assert si_factor("µg/degF") == pytest.approx(1.8 * si_factor("µg/K"))
+
+
+@pytest.mark.parametrize(("text", "kelvin"), [("0.2 °C", 0.2), ("0.2 K", 0.2), ("1.8 °F", 1.0)])
+def test_a_temperature_difference_has_no_zero(text: str, kelvin: float):
+    assert parse_quantity(text, "K", difference=True).value == pytest.approx(kelvin)

@@ -9,9 +9,12 @@ import scipy.io
 from tests import generated_logs as logs
 from tests.base_seeds import evidence
 from tests.drafts.test_kinds_of_logs import BIASES, assert_true, calibrated, chosen, drafted
+from tests.refusals import refused
 
+from inercal.basics.errors import InputError
 from inercal.pipeline.drafts.clock_keys import clock_keys
 from inercal.pipeline.drafts.column_roles import ColumnRoles
+from inercal.pipeline.drafts.rest_recording import read_rest_recording
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.samples import mean_step
 
@@ -126,3 +129,15 @@ def test_rounded_stamps_state_the_mean_rate():
     assert "104.3 Hz" in {one.key: one.reason for one in entries}["time_unit"]
     exact = np.array(np.arange(2000) * 10.0, dtype=np.float64)
     assert mean_step(exact) == 10.0
+
+
+def test_times_that_run_backwards_are_refused(tmp_path: Path):
+    time = 0.02 * np.arange(3000)[::-1]
+    force = np.random.default_rng(0).normal([0, 0, 9.8], 0.01, (3000, 3))
+    path = tmp_path / "a.csv"
+    np.savetxt(
+        path, np.column_stack([time, force]), "%.5f", ",", header="t_s,ax,ay,az", comments=""
+    )
+    for stated in ({}, {"data.rate": "50 Hz"}):
+        with refused(InputError, key="data.time", names=("t_s",)):
+            read_rest_recording(path, stated)

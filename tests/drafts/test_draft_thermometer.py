@@ -6,12 +6,15 @@ import numpy as np
 
 import inercal
 from inercal.pipeline.drafts import draft_run_file
+from inercal.pipeline.drafts.quiet_sections import find_quiet_sections
 
 COUNTS = {
     "data.temperature_unit": "LSB",
     "data.temperature_scale": "340 LSB/K",
     "data.temperature_zero": "36.53 °C",
 }
+
+PARTS = ((0, 0, 1), None, (0, 1, 0), (1, 0, 0), None, (0, 0, -1), (0, -1, 0))
 
 
 def log(path: Path, temperature: float) -> Path:
@@ -53,3 +56,17 @@ def test_degrees_need_no_question_and_kelvin_are_recognised(tmp_path: Path):
     for kelvin in (295, 310):
         draft = draft_run_file([log(tmp_path / "b.csv", kelvin)], tmp_path / "b.toml")
         assert [one.value for one in draft.entries if one.key == "temperature_unit"] == ["K"]
+
+
+def test_the_name_of_the_thermometer_states_its_unit(tmp_path: Path):
+    path = log(tmp_path / "a.csv", 77)
+    path.write_text(path.read_text(encoding="utf-8").replace("temp", "temp_F", 1), encoding="utf-8")
+    draft = draft_run_file([path], tmp_path / "a.toml")
+    assert [one.value for one in draft.entries if one.key == "temperature_unit"] == ["°F"]
+
+
+def test_rests_of_two_files_stay_apart():
+    block = np.random.default_rng(0).normal(0, 1e-3, (240, 3))
+    moved = np.random.default_rng(1).normal(0, 1.0, (60, 3))
+    data = np.concatenate([block + up if up is not None else moved for up in PARTS])
+    assert len(find_quiet_sections(data, 24)) == 5

@@ -10,7 +10,7 @@ from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.calibration import Calibration
 from inercal.methods import METHODS
-from inercal.physics.plan import six_positions
+from inercal.physics.plan import Hold, six_positions
 from inercal.physics.sensors import imu
 from inercal.pipeline import Outcome, calibrate, simulate
 from inercal.pipeline.run_simulation import apply_data_columns
@@ -195,3 +195,39 @@ def test_the_level_earth_rate_is_in_the_uncertainty(azimuths: str):
     error, stated = found.value[:, at], found.std[..., at]
     low, high = AZIMUTHS[azimuths]
     assert low < np.sqrt(np.mean((error / stated) ** 2)) < high
+
+
+def at_one_azimuth(soaks: int) -> np.ndarray:
+    """Return error and u, °/h/g, of the sensitivities along P and O, from soaks in one fixture."""
+    rng = np.random.default_rng(soaks)
+    level = np.degrees(EARTH * np.cos(np.radians(48))) * 3600  # °/h
+    up = np.array([step.up for step in six_positions() if isinstance(step, Hold)])
+    north = up[:, [1, 2, 0]]  # each face keeps its azimuth in the fixture
+    rate = level * north + up * np.degrees(EARTH * np.sin(np.radians(48))) * 3600
+    names = [step.label for step in six_positions()]
+    table = {"p": names * soaks, "T": np.repeat(20.0 + 15 * np.arange(soaks), 6)}
+    force, rate = (np.tile(one, (soaks, 1)) for one in (9.81 * up, rate))
+    table |= {f"a{a}": force[:, k] + rng.normal(0, 1e-4, 6 * soaks) for k, a in enumerate("xyz")}
+    table |= {f"g{a}": rate[:, k] + rng.normal(0, 0.1, 6 * soaks) for k, a in enumerate("xyz")}
+    found = calibrate(
+        table,
+        method="six_position",
+        sensor={"accelerometer": {"unit": "m/s²"}, "gyro": {"unit": "°/h"}},
+        bench={"gravity": "9.81 m/s² ± 0.1 mm/s²", "latitude": "48 ° ± 0.01 °", "tilt": "0.01 °"},
+        kind="means",
+        label="p",
+        accelerometer=["ax", "ay", "az"],
+        gyro=["gx", "gy", "gz"],
+        temperature="T",
+        sd={"accelerometer": "0.1 mm/s²", "gyro": "0.1 °/h"},
+    ).calibration
+    of = [f"g{a}.g_{b}" for a in "xyz" for b in "po"]
+    size = np.radians(1 / 3600) / 9.80665
+    return np.array([[found.value(name), found.uncertainty(name)] for name in of]).T / size
+
+
+def test_more_soaks_in_one_fixture_do_not_reduce_the_effect_of_the_azimuth():
+    (_, once), (error, often) = at_one_azimuth(1), at_one_azimuth(5)
+    assert np.abs(error).max() > 5  # °/h/g: the level part of the earth's rate
+    assert (np.abs(error) < 2.5 * often).all()
+    assert (often > 0.99 * once).all()

@@ -58,13 +58,16 @@ def test_an_accelerometer_is_stated_in_micro_g():
     assert white.value / white.size == pytest.approx(100, rel=0.03)
 
 
-def test_readings_rounded_to_coarse_steps_are_refused_below_0_4_and_named_below_0_5():
+def test_readings_rounded_to_coarse_steps_are_refused_below_0_4_and_named_below_1_5():
     rng = np.random.default_rng(3)
     y = rng.standard_normal(20_000)
     with pytest.raises(InputError, match="rounding hides the noise"):
         inercal.analyse_noise(recording(np.round(y * 0.3), 0.01))
     fine = inercal.analyse_noise(recording(np.round(y * 0.45), 0.01), terms="N", kinds=())
     assert any("rounding steps" in text for text in fine.channels[0].remarks)
+    middle = inercal.analyse_noise(recording(np.round(y * 0.6), 0.01), terms="N", kinds=())
+    # The rounding adds a variance of 1/12: N is √(1 + 1/(12 · 0.36)) times too large.
+    assert any("1.11 times too large" in text for text in middle.channels[0].remarks)
     finer = inercal.analyse_noise(recording(np.round(y * 2), 0.01), terms="N", kinds=())
     assert not any("rounding" in text for text in finer.channels[0].remarks)
 

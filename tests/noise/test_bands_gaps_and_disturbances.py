@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from tests.base_seeds import SEEDS, evidence
 from tests.noise.generator import DEG_H, MEMS, draw
+from tests.refusals import refused
 
 import inercal
 from inercal.basics.errors import InputError
 from inercal.noise.pieces import Part, gap_oadev
+from inercal.noise.sensor_noise import require_stated
 from inercal.recordings import Recording
 
 STEP = 40.0  # °/h
@@ -97,3 +99,30 @@ def test_without_gaps_the_allan_deviation_of_pieces_is_that_of_the_whole():
     found = gap_oadev([Part(y[:3000], 0.0), Part(y[3000:], 3000 * MEMS.dt)], MEMS.dt, "octave")
     assert np.allclose(found.value, whole.value, rtol=1e-9)
     assert np.allclose(found.edf, whole.edf, rtol=1e-9)
+
+
+def test_a_band_above_half_the_rate_is_refused():
+    with refused(InputError, key="--skip-band"):
+        inercal.analyse_noise(vibrating(4, 5), terms="N", kinds=(), skipped_bands=[(30, 60)])
+
+
+def shaken(seconds: float) -> Recording:
+    """Return white noise with a burst of 30 times its size after 200 s."""
+    dt = 0.02
+    rng = np.random.default_rng(8)
+    y = rng.standard_normal(32768)
+    start, stop = round(200 / dt), round((200 + seconds) / dt)
+    y[start:stop] += 30 * rng.standard_normal(stop - start)
+    return recording(y * DEG_H, dt)
+
+
+def test_noise_that_the_disturbed_times_change_by_more_than_u_is_not_to_be_relied_on():
+    analysis = inercal.analyse_noise(shaken(1.0), terms="N", kinds=())
+    assert analysis.channels[0].disturbed
+    with refused(InputError, names=("gx",)):
+        require_stated(analysis)
+    quiet = inercal.analyse_noise(shaken(1.0), terms="N", kinds=(), keep_disturbed=False)
+    assert quiet.channels[0].value("N") == pytest.approx(DEG_H * np.sqrt(0.02), rel=0.02)
+    for calm in (quiet, inercal.analyse_noise(shaken(0.0), terms="N", kinds=())):
+        assert not calm.channels[0].disturbed
+        require_stated(calm)

@@ -33,7 +33,8 @@ RUNS = {
     "turntable/mimu.toml": {"g", "azimuth", "lean_x", "square_1", "sin1[outer]", "cos2[inner]",
                             "latency"},
 }  # fmt: skip
-KEYS_WITHOUT = {"trim", "face", "earth_up", "earth1", "earth2", "level1", "level2", "clock"}
+KEYS_WITHOUT = {"trim", "face", "earth_up", "earth1", "earth2", "earth_visit1", "earth_visit2",
+                "level1", "level2", "clock"}  # fmt: skip
 
 
 def qualification_of(run: Run, names: list[str]) -> Qualification:

@@ -386,3 +386,25 @@ def test_the_uncertainty_of_a_lag_is_refused_where_nothing_weighs_it(tmp_path: P
     }
     with refused(InputError, key="[environment] lag"):
         read(written(tmp_path / "ramp", SOAKS, ramp))
+
+
+def test_a_soak_at_another_temperature_than_recorded_is_named(tmp_path: Path):
+    path = simulated(tmp_path, SOAKS)
+    with np.load(tmp_path / "soaks.npz", allow_pickle=False) as stored:
+        columns = dict(stored)
+    name = next(key for key in columns if key.startswith("temp"))
+    warm = columns[name]
+    columns[name] = np.where(np.abs(warm - 25.0) < 10, warm + 5.0, warm)
+    np.savez(tmp_path / "soaks.npz", **columns)
+    outcome = calibrate(path)
+    assert outcome.verdict.grade == "unreliable"
+    (found,) = [one for one in outcome.findings if one.what == "soak"]
+    assert "the soak at 30.1 °C does not fit" in found.message
+    assert "30.1 °C" in outcome.verdict.lines[0]
+
+
+def test_a_ramp_needs_no_bench(tmp_path: Path):
+    assert read(written(tmp_path, RAMP, {'[bench]\nkind = "hand"\n': ""})).environment is not None
+    soaks = SOAKS[: SOAKS.index("[bench]")] + SOAKS[SOAKS.index("[environment]") :]
+    with refused(InputError, key="[bench]"):
+        read(written(tmp_path, soaks))

@@ -11,6 +11,7 @@ from tests.runs.test_environment_runs import RAMP, written
 import inercal
 from inercal.basics.errors import InputError
 from inercal.pipeline.drafts.rest_recording import read_rest_recording
+from inercal.recordings.data import DataSection
 from inercal.runfile import read
 
 
@@ -71,3 +72,56 @@ def test_a_noise_analysis_leaves_out_raw_counts_that_nobody_named(tmp_path: Path
     counts = {"data.temperature_unit": "LSB", "data.temperature_scale": "340 LSB/K"}
     found = read_rest_recording(path, {**counts, "data.temperature_zero": "36.53 °C"})
     assert found.temperature is not None
+
+
+@pytest.mark.parametrize(
+    ("column", "unit", "kelvin"),
+    [
+        ("temp_F", None, 298.15),
+        ("T [°F]", None, 298.15),
+        ("temp", "°F", 298.15),
+        ("T (K)", None, 77),
+    ],
+)
+def test_the_name_of_a_column_states_its_unit(column: str, unit: str | None, kelvin: float):
+    keys = {"temperature": column} | ({"temperature_unit": unit} if unit else {})
+    read = DataSection.model_validate(
+        {"file": "a.csv", "accelerometer": ["a"], **keys}
+    ).thermometer.kelvin
+    assert read(np.array([77.0])) == pytest.approx(kelvin)
+
+
+def test_every_reader_converts_fahrenheit(tmp_path: Path):
+    time = np.arange(400) / 10
+    force = np.random.default_rng(1).normal([0, 0, 1], 1e-3, (400, 3))
+    table = {"t_s": time, **{f"a{k}_g": force[:, j] for j, k in enumerate("xyz")}}
+    table["temp_F"] = np.linspace(68.0, 86.0, 400)
+    rows = np.column_stack(list(table.values()))
+    np.savetxt(tmp_path / "a.csv", rows, "%.6g", ",", header=",".join(table), comments="")
+    kelvin = read_rest_recording(tmp_path / "a.csv", {}).temperature
+    assert kelvin is not None
+    assert kelvin[[0, -1]] == pytest.approx([293.15, 303.15])
+
+
+@pytest.mark.parametrize("text", ["0.2 °C", "0.2 K", "0.36 °F"])
+def test_an_uncertainty_of_temperature_is_a_difference(tmp_path: Path, text: str):
+    added = f'[environment]\ntemperature_sd = "{text}"\n'
+    environment = read(written(tmp_path, RAMP, {"[environment]\n": added})).environment
+    assert environment is not None
+    assert environment.temperature_sd == pytest.approx(0.2)
+
+
+def test_a_deviation_of_means_in_a_wrong_unit_names_both_possible_units():
+    table = {"p": ["x_p"], "ax": [8192.0], "ay": [1.0], "az": [2.0]}
+    with refused(InputError, key="[data.sd] accelerometer") as error:
+        inercal.calibrate(
+            table,
+            method="six_position",
+            sensor={"accelerometer": {"unit": "LSB", "scale": "8192 LSB/g"}},
+            bench={"gravity": "9.80665 m/s² ± 0.001 m/s²"},
+            kind="means",
+            label="p",
+            accelerometer=["ax", "ay", "az"],
+            sd={"accelerometer": "0.3 °/h"},
+        )
+    assert all(unit in str(error.value) for unit in ("m/s²", "LSB"))

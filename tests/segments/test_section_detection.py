@@ -17,6 +17,7 @@ from inercal.physics.sensors import G0, Noise, Readout, Sensor, imu, triad
 from inercal.pipeline import read_out
 from inercal.recordings import Mark, Recording
 from inercal.recordings.segments import find_sections
+from inercal.recordings.segments.section_detection import SectionDetection
 
 RATE = 100.0
 ACCELEROMETER = (Readout(1 / G0, 0.0, "g"), Noise(white=150e-6 * G0))
@@ -241,3 +242,27 @@ def test_sections_are_found_for_triads_only():
     pair = replace(IMU, axes=IMU.axes[:2])
     with refused(names=pair.channels):
         find_sections(session().recording, pair, PLAN)
+
+
+def soaked(off: float, second_part: slice = slice(None)) -> SectionDetection:
+    """Return the sections of two files; the gyros' bias of the second differs by `off`, °/s."""
+    one = session(six_positions(seconds=4.0)).recording
+    n, data = one.time.size, one.data.copy()
+    data[:, 3:] += off
+    data = np.vstack([one.data, data[second_part]])
+    labels = np.array(["cold.csv"] * n + ["hot.csv"] * (len(data) - n))
+    both = Recording(np.arange(len(data)) / RATE, data, one.channels, one.units, labels)
+    return find_sections(both, IMU, six_positions(seconds=4.0), [(0, n), (n, len(data))])
+
+
+def test_a_soak_whose_gyros_have_another_bias_is_at_rest():
+    assert len(soaked(1.0).marks) == 12
+    assert not soaked(1.0).findings
+
+
+def test_a_soak_without_rests_is_named_by_its_file():
+    found = soaked(0.0, slice(0, 1200))
+    assert found.missing
+    assert all(label.endswith("(2)") for label in found.missing)
+    assert "hot.csv" in found.findings[0].message
+    assert "cold.csv" not in found.findings[0].message

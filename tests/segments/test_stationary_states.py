@@ -101,3 +101,11 @@ def test_a_rest_on_stuck_samples_is_left_out_with_a_finding():
     assert marks == ()
     assert [one.what for one in found] == ["dwell"]
     assert found[0].start == pytest.approx(RATE_HZ)
+
+
+def test_a_single_sample_at_a_steady_rate_is_no_state():
+    recording = session(*FULL)
+    assert recording.span(3, 4) == pytest.approx(1 / RATE_HZ)
+    assert recording.span(3, 3) == 0
+    words = said(session(*FULL, ("YX", 46.0, 1 / RATE_HZ)))
+    assert "YX (never steady or at rest)" in words[0]

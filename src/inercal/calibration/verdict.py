@@ -63,6 +63,8 @@ OPPOSITE_SIGN = "opposite sign"
 """`Finding.what` for a quantity that the sensors show with the opposite sign."""
 COARSE_READINGS = "coarse readings"
 """`Finding.what` for rounding errors that a method does not include."""
+WRONG_SOAK = "soak"
+"""`Finding.what` for a soak that alone disagrees with the model."""
 UNSEEN = "unseen"
 """`Finding.what` for an effect that a method cannot detect."""
 _NO_CAUSE = (
@@ -90,6 +92,7 @@ _REMEDIES_BY_KIND = {"gap": "record again, or check the cable and port of the se
 _CAUSES = {
     OPPOSITE_SIGN: "the accelerometers or the gyros have the wrong sign",
     COARSE_READINGS: "rounding, whose errors this method does not include",
+    WRONG_SOAK: "the temperature of this soak is wrong, or the sensor changed in it",
 }  # by `Finding.what`: no other cause can be tested while one of these is present
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
@@ -189,6 +192,7 @@ def verdict(
     largest = _largest_uncertainties(estimate, sensor, expected)
     wrong = bool(far) or any(one.severity == "refused" for one in findings)
     told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
+    resolved = () if assessment.rejects else told
     scales = tuple(f"{_sentence(one)}: {why}." for one, why in far.items())
     sections = {
         explanation.AGREEMENT: (
@@ -226,7 +230,7 @@ def verdict(
         "" if added or cause or not named or assessment.best is None else _alternatives_line(
             alternatives(assessment.best, estimate.score_tests, sensor, expected)
         ),
-        "" if graded.grade == "consistent" else _next_line(steps, assessment),
+        "" if graded.grade == "consistent" else _next_line(steps, resolved),
         _uncertainty_line(largest),
         _count_line(len(undetectable)),
     )  # fmt: skip
@@ -348,11 +352,14 @@ def _first_line(word: str, why: str) -> str:
     return first_fit(f"{word}: {why}.", f"{word}: {short}.", f"{word}: {cut}")
 
 
-def _next_line(steps: Sequence[_Step], assessment: Assessment) -> str:
-    """Return a line with the first necessary step; keys to paste are never shortened."""
+def _next_line(steps: Sequence[_Step], warnings: Sequence[str]) -> str:
+    """Return a line with the first necessary step; keys to paste are never shortened.
+
+    Without such a step, the first of the warnings is named, if only they reduce the grade.
+    """
     if not (steps and steps[0].needed):
-        if assessment.tests and not assessment.rejects:
-            return f"{explanation.NEXT}read the warnings. {explanation.EXPLAIN}"
+        if warnings:
+            return fit(f"{explanation.NEXT}resolve the warning: {warnings[0]}")
         return f"{explanation.NEXT}check the stated noise and bench, and read the warnings."
     text = f"{explanation.NEXT}{steps[0].text[:1].lower()}{steps[0].text[1:]}"
     return text if steps[0].has_keys else fit(text)

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 _WIDTH = 120  # characters, for a pipe, which has no width of its own
 _EACH = {"position": "each position", "turn": "each turn", "dwell": "each dwell",
          "pass": "each pass", "mounting": "each mounting", "speed": "each speed"}  # fmt: skip
-_OTHER_KEYS = {"g": "gravity", **dict.fromkeys(("earth_up", "earth1", "earth2"), "latitude")}
+_EARTH = ("earth_up", "earth1", "earth2", "earth_visit1", "earth_visit2")
+_OTHER_KEYS = {"g": "gravity", **dict.fromkeys(_EARTH, "latitude")}
 
 
 def run(

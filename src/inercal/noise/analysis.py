@@ -15,6 +15,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_duration, format_quantity, si_factor
+from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.noise import channel_noise
 from inercal.noise.channel_model import ChannelSummary, conclude, selection_with_filter
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, SensorKind
@@ -35,7 +36,15 @@ from inercal.noise.pieces import (
 )
 from inercal.noise.recording_checks import check_rest_units, check_rounding, movement, rounding_step
 from inercal.noise.selection import CANDIDATES
-from inercal.noise.spectrum import Band, Bins, Spectrum, block_means, piece_spectra, remove_band
+from inercal.noise.spectrum import (
+    Band,
+    Bins,
+    Spectrum,
+    block_means,
+    piece_spectra,
+    remove_band,
+    require_bands,
+)
 from inercal.noise.terms import TERMS
 from inercal.physics.sensors import G0
 from inercal.recordings import Recording
@@ -81,10 +90,40 @@ def walk_remark(channel: ChannelNoise, other: NoiseFit | None, *, kept: bool) ->
     """
     if other is None:
         return "disturbances cover the whole recording, so K without them is unknown"
+    if not any(fit.variance("K") for fit in (channel.fit, other)):
+        return "K is not detected, with or without the disturbed times"
     one, two = (_walk(fit, channel.quantity) for fit in (channel.fit, other))
     with_them, without = (one, two) if kept else (two, one)
     how = "; --skip-disturbed excludes the disturbed times" if kept else ""
     return f"K is {with_them} with the disturbed times and {without} without them{how}"
+
+
+def disturbed_text(channel: ChannelNoise, without: NoiseFit) -> str:
+    """Describe the coefficients that the disturbed times change by more than U; empty if none.
+
+    Parameters
+    ----------
+    channel : ChannelNoise
+        The noise with the disturbed times.
+    without : NoiseFit
+        The fit of the same terms without them. A removed drift is not part of it, so that only N
+        is compared if there is one.
+    """
+    texts: list[str] = []
+    for one in channel.coefficients:
+        if one.symbol not in ("N" if channel.drift else "NBK"):
+            continue
+        value = float(np.sqrt(without.variance(one.symbol)))
+        changed = value > one.high if one.is_limit else abs(value - one.value) > COVERAGE * one.u
+        if changed:
+            first, second = (format_quantity(x, 0.0, one.unit, 3) for x in (one.value, value))
+            first = (
+                f"below {format_quantity(one.high, 0.0, one.unit, 3)}" if one.is_limit else first
+            )
+            texts.append(f"{one.symbol} is {first} with them and {second} without them")
+    if not texts:
+        return ""
+    return f"the disturbed times change the noise by more than U: {'; '.join(texts)}"
 
 
 def _walk(fit: NoiseFit, quantity: SensorKind) -> str:
@@ -164,6 +203,7 @@ def analyse_noise(
     )
     units = check_rest_units(recording, gravity)
     pieces = split_at_gaps(recording)
+    require_bands(skipped_bands, pieces.dt)
     channels = [_channel(recording, pieces, k, wanted) for k in range(len(recording.channels))]
     return NoiseAnalysis(
         recording.source,
@@ -257,6 +297,11 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
         return channel
     other = _other_fit(every, found, pieces.dt, wanted, channel.bins, summary.step)
     text = walk_remark(channel, other, kept=wanted.keep_disturbed)
+    if wanted.keep_disturbed and other is not None:
+        same = replace(wanted, candidates=(channel.fit.symbols,))
+        alike = _other_fit(every, found, pieces.dt, same, channel.bins, summary.step)
+        assert alike is not None
+        channel = replace(channel, disturbed=disturbed_text(channel, alike))
     return replace(channel, remarks=(*channel.remarks, text))
 
 

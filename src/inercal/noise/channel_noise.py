@@ -143,6 +143,9 @@ class ChannelNoise:
         Highest frequency that the fit uses, Hz; infinite if the fit uses all frequencies.
     refusal : NoiseRefusal or None
         Reason why the channel has no coefficients; None if it has coefficients.
+    disturbed : str
+        The coefficients that disturbed times change by more than U, in words; empty if there are
+        none.
     """
 
     channel: str
@@ -164,6 +167,7 @@ class ChannelNoise:
     output: OutputFilter | None = None
     band: float = inf
     refusal: NoiseRefusal | None = None
+    disturbed: str = ""
 
     @property
     def fit(self) -> NoiseFit:

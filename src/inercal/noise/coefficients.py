@@ -211,10 +211,10 @@ def undetermined(selection: Selection, seconds: float) -> list[str]:
     ]
     if rivals:
         names = " or ".join(" + ".join(one.symbols) for one in rivals)
-        more = ", ".join(f"{one.aic - fit.aic:.1f}" for one in rivals)
+        more = ", ".join(f"{one.aic - fit.aic:+.1f}" for one in rivals)
         found.append(
             f"{names} would describe the recording about as well as {' + '.join(fit.symbols)} "
-            f"(AIC higher by {more})"
+            f"(difference of AIC: {more})"
         )
     if hidden := hidden_terms(selection, seconds):
         found.append(

@@ -48,7 +48,7 @@ _FEWEST = 8  # windows
 _DEVIATIONS = 8.0  # a change must exceed this many sd (white noise) of a median
 _MEDIAN_ABS = 0.67449  # median absolute value of a normal deviate
 _MEDIAN_SD = 1.2533  # sd of a median over the sd of a mean, for normal deviates
-REFUSED, WARNED = 0.4, 0.5  # sd of the noise divided by the step
+REFUSED, WARNED = 0.4, 1.5  # sd of the noise divided by the step
 _LOOKED_AT = 100_000  # samples
 _EVEN = 1e-3  # of a step
 _LAGS = (1, 4, 16, 64)
@@ -243,5 +243,9 @@ def check_rounding(parts: Sequence[Array], channel: str, source: str) -> tuple[s
             names=(channel,),
         )
     if ratio < WARNED:
-        return (f"the noise is only {ratio:.2g} rounding steps, so N may be 1.2 times too large",)
+        times = np.sqrt(1 + 1 / (12 * ratio**2))  # rounding adds its variance, step²/12
+        text = (
+            f"the noise is only {ratio:.2g} rounding steps, so N may be {times:.2f} times too large"
+        )
+        return (text,)
     return ()

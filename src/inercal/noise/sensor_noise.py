@@ -96,6 +96,13 @@ def require_stated(analysis: NoiseAnalysis) -> None:
         A channel has no coefficients; the message names it, the coefficients and the reason.
     """
     for one in analysis.channels:
+        if one.disturbed:
+            raise InputError(
+                f"{analysis.source or 'recording'}: {one.channel}: {one.disturbed}; nothing is "
+                "written: exclude these times with --skip-disturbed, or record again",
+                file=analysis.source or None,
+                names=(one.channel,),
+            )
         if one.refusal is not None:
             raise InputError(
                 f"{analysis.source or 'recording'}: {one.channel}: {one.refusal.text}; nothing "

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.noise.numerics import cosine_sums, dct2, sine_sums
 from inercal.noise.output_filter import OutputFilter
 from inercal.noise.terms import TERMS
@@ -306,6 +307,17 @@ def make_bins(spectra: Sequence[Spectrum], dt: float, *, fine: bool = False) -> 
         used,
         fine,
     )
+
+
+def require_bands(bands: Sequence[Band], dt: float) -> None:
+    """Raise an error if a band is above half the sampling rate, where nothing can be excluded."""
+    for low, high in bands:
+        if low * dt >= 0.5:
+            raise InputError(
+                f"--skip-band {low:g}-{high:g}: the recording has no frequency above "
+                f"{0.5 / dt:.5g} Hz, half its sampling rate; exclude a band below it",
+                key="--skip-band",
+            )
 
 
 def remove_band(spectrum: Spectrum, bands: Sequence[Band]) -> Spectrum:

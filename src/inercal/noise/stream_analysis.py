@@ -20,7 +20,7 @@ from inercal.noise.drift_regression import drift_regressors
 from inercal.noise.lines import take_out_lines
 from inercal.noise.pieces import FEWEST, join_deviations
 from inercal.noise.recording_checks import check_rest_units
-from inercal.noise.spectrum import Band, remove_band
+from inercal.noise.spectrum import Band, remove_band, require_bands
 from inercal.noise.streaming import StreamedChannel, StreamedMeans
 from inercal.physics.quantities import SensorKind
 from inercal.physics.sensors import G0
@@ -181,6 +181,7 @@ class NoiseStream:
                 f"{self.source or 'recording'} has fewer than {FEWEST} samples without a gap",
                 file=self.source or None,
             )
+        require_bands(skipped_bands, self.dt)
         for channels in self._pieces:
             for one in channels:
                 one.dt = self.dt

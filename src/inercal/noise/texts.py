@@ -78,7 +78,7 @@ def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
             for one in (channel.fit, *channel.selection.rivals)
         ],
         "goodness": attributes(channel.goodness, "fits verdict decades"),
-        **attributes(channel, "lines disturbances drift remarks"),
+        **attributes(channel, "lines disturbances drift remarks disturbed"),
         "smallest_allan_deviation": {
             "value": float(channel.oadev.value[channel.oadev.lowest]),
             "tau": float(channel.oadev.tau[channel.oadev.lowest]),
@@ -122,7 +122,8 @@ def coefficient_cells(one: NoiseCoefficient) -> tuple[str, ...]:
 def channel_remarks(channel: ChannelNoise) -> list[str]:
     """Return the verdict on a channel, then its remarks, drift and disturbances, one per line."""
     model = f"the model {' + '.join(channel.fit.symbols)}"
-    found = [channel.goodness.verdict.replace("the model", model)]
+    found = [f"not to be relied on: {channel.disturbed}"] if channel.disturbed else []
+    found.append(channel.goodness.verdict.replace("the model", model))
     found += [allan_minimum_text(channel), *filter_remarks(channel)]
     if (band := channel.goodness.worst_band) is not None:
         found.append("--skip-band {:.3g}-{:.3g} would exclude this band from the fit".format(*band))

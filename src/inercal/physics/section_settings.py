@@ -166,23 +166,26 @@ def positive_value(text: str, like: str, key: str) -> float:
     return value
 
 
-def non_negative_value(text: str, like: str, key: str) -> float:
+def non_negative_value(text: str, like: str, key: str, *, difference: bool = False) -> float:
     """Return the SI value of a quantity given as text, which must be 0 or more; see `si_value`."""
-    value = si_value(text, like, key)
+    value = si_value(text, like, key, difference=difference)
     if value < 0:
         raise key_error(key, f"{text!r} is negative; give 0 or more")
     return value
 
 
-def si_value(text: str, like: str, key: str) -> float:
+def si_value(text: str, like: str, key: str, *, difference: bool = False) -> float:
     """Return the SI value of a quantity given as text; an error names `key`.
+
+    A `difference` of temperatures may be in °C: "0.2 °C" is then 0.2 K.
 
     Raises
     ------
     InputError
         `parse_quantity` rejects the text, or it has an uncertainty, on which no result depends.
     """
-    quantity = measured_constant(text, like, key, last_digit=False)
+    with error_location(key, key=key):
+        quantity = parse_quantity(text, like, difference=difference)
     if quantity.sd:
         raise key_error(key, f"no result depends on the uncertainty in {text!r}; remove it")
     return quantity.value

@@ -49,7 +49,9 @@ def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
     """Return the conditions of the measurement and, if any, of the search, as text."""
     conditions = dict(inputs.conditions)
     recording = inputs.recording
-    t = inputs.observations.temperature if recording is None else recording.temperature
+    t = inputs.observations.temperature
+    if t is None and recording is not None:
+        t = recording.temperature
     if t is not None:
         conditions["temperature"] = f"{t.mean() - ZERO_CELSIUS:.2f} °C ({np.ptp(t):.2f} K range)"
     if recording is not None and recording.kept_corrections:

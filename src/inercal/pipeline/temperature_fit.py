@@ -8,7 +8,7 @@
    This difference is the squared prediction error of the n readings, in units of its uncertainty.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import ZERO_CELSIUS, format_quantity
+from inercal.calibration.verdict import WRONG_SOAK
 from inercal.estimation import Estimate
+from inercal.estimation.scores import SIGNIFICANCE_LEVEL, chi2_tail_probability
 from inercal.methods import Fit, Remarks
 from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.section_settings import key_error
@@ -51,6 +53,8 @@ from inercal.runfile.environment_section import MAX_ORDERS, ORDERED
 
 LEAST_SPAN = 10.0  # K
 LARGEST_PREDICTION_RATIO = 1.3  # rms prediction error divided by its standard uncertainty
+_UNRELIABLE_RATIO = 2.0  # the same ratio, above which a result is not to be relied on
+_AS_LIKELY = 10.0  # soaks whose χ² differ by less cannot be told apart
 _TOO_LOW = 100.0  # χ²/ν above which an order is called too low
 _NO_SOAKS = np.zeros(0)
 
@@ -69,12 +73,20 @@ class SoakLeftOut:
         Number of readings.
     inside : bool
         Whether there are both colder and warmer soaks.
+    rest : float
+        Probability of a larger χ² of the other soaks.
     """
 
     temperature: float
     ratio: float
     components: int
     inside: bool
+    rest: float = 1.0
+
+    @property
+    def chi2(self) -> float:
+        """The part of χ² that the soak causes."""
+        return self.components * self.ratio**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,18 +130,22 @@ class TemperatureFit:
                 'temperatures; state higher ones, or [method] temperature_order = "auto"'
             )
             return (Finding("warning", "temperature_order", text),)
-        inner = [one for one in self.left_out if one.inside and one.components]
+        known = [one for one in self.left_out if one.components]
+        wrong = [one for one in known if one.ratio > _UNRELIABLE_RATIO * _bound(one)]
+        if wrong and max(one.rest for one in wrong) >= SIGNIFICANCE_LEVEL:
+            return (_wrong_soak(wrong),)
+        inner = [one for one in known if one.inside]
         bad = [one for one in inner if one.ratio > LARGEST_PREDICTION_RATIO * _bound(one)]
         if not bad:
             return ()
         worst = max(bad, key=lambda one: one.ratio)
         text = (
-            f"the other soaks predict the soak at {worst.temperature - ZERO_CELSIUS:.1f} °C with "
-            f"an rms error of {worst.ratio:.2f} times its uncertainty; more than "
+            f"the other soaks do not predict the soak at {worst.temperature - ZERO_CELSIUS:.1f} "
+            f"°C: the rms error is {worst.ratio:.2f} times its uncertainty; more than "
             f"{LARGEST_PREDICTION_RATIO * _bound(worst):.2f} means that the order or the noise is "
             "wrong"
         )
-        return (Finding("warning", "prediction", text),)
+        return (Finding("refused" if wrong else "warning", "prediction", text),)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -167,12 +183,24 @@ class TemperatureFit:
                 key=lambda pair: abs(float(pair[0].half[pair[1]])),
             )
             celsius = at.temperature - ZERO_CELSIUS
-            half = format_quantity(float(at.half[k]), 0.0, unit, 3)
+            half = format_quantity(abs(float(at.half[k])), 0.0, unit, 3)
             texts.append(f"{half} of {self.axes[k].name} at {celsius:.1f} °C")
         return (
             f"half the hysteresis loop between rising and falling temperature is at most "
             f"{', '.join(texts)}; it is not corrected"
         )
+
+
+def _wrong_soak(wrong: Sequence[SoakLeftOut]) -> Finding:
+    """Return the finding about a soak without which the other soaks agree with the model."""
+    worst = max(wrong, key=lambda one: one.chi2)
+    alike = [one for one in wrong if one.chi2 > worst.chi2 - _AS_LIKELY]
+    named = " or ".join(f"{one.temperature - ZERO_CELSIUS:.1f} °C" for one in alike)
+    text = (
+        f"the soak at {named} does not fit the others: the rms error of their prediction is "
+        f"{worst.ratio:.2f} times its uncertainty; check its temperature, or repeat this soak"
+    )
+    return Finding("refused", WRONG_SOAK, text)
 
 
 def _bound(one: SoakLeftOut) -> float:
@@ -401,5 +429,6 @@ class _Solver:
             others = np.delete(temperatures, k)
             inside = bool(others.min() < kelvin < others.max())
             ratio = float(np.sqrt(squares / components))
-            result.append(SoakLeftOut(kelvin, ratio, components, inside))
+            tail = chi2_tail_probability(float(rest.chi2), rest.dof, rest.noise_dof)
+            result.append(SoakLeftOut(kelvin, ratio, components, inside, tail))
         return tuple(result)

@@ -201,9 +201,12 @@ class Recording:
     def span(self, start: int, stop: int) -> float:
         """Return the duration of samples start to stop (half open) according to their stamps, s.
 
-        The number of samples times the median step would be wrong if the stamps are rounded.
+        The number of samples times the median step would be wrong if the stamps are rounded; only
+        a single sample gets the median step.
         """
         n = stop - start
+        if n < 2:
+            return n * self.median_step
         return float(self.time[stop - 1] - self.time[start]) * n / (n - 1)
 
     def where(self, sample: int) -> str:

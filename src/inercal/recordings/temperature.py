@@ -7,6 +7,7 @@ a value that lost its decimal point.
 A temperature sensor with the lag τ reads R when the sensing element is at T = R + τ dR/dt.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -100,6 +101,20 @@ class TemperatureReadout(NamedTuple):
 
 
 CELSIUS = TemperatureReadout()
+_NAMED_UNITS = {
+    "°F": re.compile(r"(?i:°f|℉|fahrenheit|deg[ _]?f)(?![A-Za-z])|[ _.(\[][Ff]\W*$|[a-z]F$"),
+    "K": re.compile(r"(?i:kelvin)(?![A-Za-z])|[ _.(\[]K\W*$|[a-z]K$"),
+}
+
+
+def named_unit(column: object) -> str:
+    """Return the unit that the name of a temperature column states, "°C" if it states none.
+
+    >>> named_unit("temp_F"), named_unit("T [K]"), named_unit("temp_filtered")
+    ('°F', 'K', '°C')
+    """
+    found = (unit for unit, ends in _NAMED_UNITS.items() if ends.search(str(column)))
+    return next(found, CELSIUS.unit)
 
 
 def temperature_readout(
@@ -145,7 +160,7 @@ def temperature_readout(
         raise InputError(
             "[data] temperature_scale is 0; give another number", key="[data] temperature_scale"
         )
-    return TemperatureReadout(unit, 1 / per_kelvin, _value(zero, "K", "temperature_zero"), allowed)
+    return TemperatureReadout(unit, 1 / per_kelvin, _value(zero, "°C", "temperature_zero"), allowed)
 
 
 def _value(text: str, like: str, key: str) -> float:

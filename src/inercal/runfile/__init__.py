@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pydantic import ValidationError
 
@@ -18,7 +18,7 @@ from inercal.basics.keys import CoefficientName
 from inercal.basics.small_files import parse_toml, read_small_file
 from inercal.benches.kind_definition import KINDS, Kind, kind_name_for_class
 from inercal.benches.qualification import UsedQualifications
-from inercal.methods import method
+from inercal.methods import METHODS, method
 from inercal.physics.plan import Turn
 from inercal.physics.sensors import Sensor
 from inercal.runfile import method_section, section_checks
@@ -103,6 +103,8 @@ def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
     if isinstance(content.get("bench"), dict):
         completed["bench"] = {"kind": kind} | content["bench"]
         kind = completed["bench"]["kind"]
+    elif "bench" not in content and _follows_rest(content):
+        completed["bench"] = {"kind": kind}  # a single rest depends on no key of [bench]
     if not isinstance(kind, str) or kind not in KINDS:
         raise unknown_kind_error(kind)
     options: dict[str, Any] = {}
@@ -116,6 +118,13 @@ def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
         raise schema_error(error, content, model) from None
     run = _build_run(path, digest, schema, KINDS[kind], used)
     return replace(run, reader_options=options, sections=content)
+
+
+def _follows_rest(content: Mapping[str, Any]) -> bool:
+    """Return whether the method of a run file follows a single rest."""
+    section = content.get("method")
+    name = cast("dict[str, Any]", section).get("name") if isinstance(section, dict) else None
+    return isinstance(name, str) and name in METHODS and METHODS.find(name).follows_rest
 
 
 def _build_run(

@@ -277,7 +277,9 @@ def _stated_lag(section: EnvironmentSection, chosen: Method[Any, Any]) -> Measur
 
 def _positive(section: EnvironmentSection, name: str, like: str) -> float:
     text = getattr(section, name)
-    return 0.0 if text is None else non_negative_value(text, like, f"[environment] {name}")
+    if text is None:
+        return 0.0
+    return non_negative_value(text, like, f"[environment] {name}", difference=True)
 
 
 def _require_used(

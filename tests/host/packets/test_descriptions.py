@@ -34,6 +34,9 @@ def test_scales_are_in_si_and_increments_times_the_rate():
     assert layout.gyro.size == pytest.approx(100 * 2.0**-14 * 3.141592653589793 / 180, rel=1e-15)
     assert layout.temperature.size == pytest.approx(1 / 340, rel=1e-15)
     assert layout.temperature.zero == pytest.approx(36.53 + 273.15, rel=1e-15)
+    american = GOOD.replace("1/340 °C", "0.1 °F").replace('zero = "36.53 °C"\n', "")
+    layout = parse_layout(american, "f.toml")
+    assert layout.temperature.size * 770 + layout.temperature.zero == pytest.approx(298.15)
     assert layout.wraps["counter"] == 256
 
 

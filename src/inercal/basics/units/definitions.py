@@ -57,6 +57,7 @@ UNITS = {
         _unit("Gal", "µm", 0.01, {"m": 1, "s": -2}),
         _unit("gauss G", "nµm", 1e-4, {"T": 1}),
         _unit("degC °C celsius", "", 1.0, {"K": 1}),
+        _unit("degF °F fahrenheit", "", 5 / 9, {"K": 1}),
         _unit("ppm", "", 1e-6),
         _unit("percent %", "", 0.01),
     )

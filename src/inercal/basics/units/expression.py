@@ -45,13 +45,14 @@ _KINDS = {
     **{f"{unit}/T": "a magnetometer's scale factor" for unit in ("LSB", "V", "A", "Hz")},
 }
 ZERO_CELSIUS = 273.15  # K, exact (SI brochure, 9th edition, 2.3.1)
+_ZEROS = {"degC": ZERO_CELSIUS, "degF": ZERO_CELSIUS - 32 * 5 / 9}  # K
 
 # Characters that look alike or are not on keyboards; µ and μ are different characters in Unicode.
 _LOOK_ALIKE = str.maketrans("μ−–º˚⋅×\u00a0\u2009\u202f\t", "µ--°°··    ")
 _SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _LONGEST = 100  # characters; longer text is rejected without spending time on it
 _TOKEN = re.compile(
-    r" *(?:(?P<name>[A-Za-zµ]*(?:°C|[°′″%])|[A-Za-zµ]+)"
+    r" *(?:(?P<name>[A-Za-zµ]*(?:°[CF]|[°′″%])|[A-Za-zµ]+)"
     r"|(?:\^|\*\*) *(?:(?P<power>-?[0-9](?:\.5)?)|\( *(?P<halves>-?[1-9]) */ *2 *\))"
     r"|(?<=[A-Za-zµ])(?P<digit>[2-9]|-[1-9])(?![0-9.])"
     r"|(?P<symbol>[√1·*/()])) *"
@@ -84,8 +85,8 @@ def si_factor(unit: str, like: str | None = None) -> float:
     Raises
     ------
     InputError
-        The text is not a unit, its dimension differs from the dimension of `like`, or it is "°C",
-        which has an offset (see `to_si`).
+        The text is not a unit, its dimension differs from the dimension of `like`, or it is "°C"
+        or "°F", which have an offset (see `to_si`).
 
     Examples
     --------
@@ -104,7 +105,7 @@ def si_factor(unit: str, like: str | None = None) -> float:
 
 
 def to_si(values: "Array", unit: str, like: str) -> "Array":
-    """Convert values of any shape from a unit to SI; "°C" is converted to K with its offset.
+    """Convert values of any shape from a unit to SI, "°C" and "°F" with their offsets to K.
 
     Raises
     ------
@@ -137,7 +138,7 @@ def plain_text(text: str) -> str:
     """Return `text` with look-alikes and superscripts replaced by plain characters."""
     if len(text) > _LONGEST:
         raise NotationError(f"is longer than {_LONGEST} characters; shorten it")
-    text = text.translate(_LOOK_ALIKE).replace("℃", "°C")
+    text = text.translate(_LOOK_ALIKE).replace("℃", "°C").replace("℉", "°F")
     return re.sub("[⁰¹²³⁴-⁹⁻]+", lambda m: "^" + m[0].translate(_SUPERSCRIPT), text).strip()
 
 
@@ -170,7 +171,8 @@ def read_unit(unit: str) -> Unit:
         size, dimension = size_and_dimension(powers)
         if not 0 < size < math.inf:
             raise NotationError(_NOT_A_UNIT)
-    return Unit(size, frozenset(dimension.items()), ZERO_CELSIUS if powers == {"degC": 1} else 0.0)
+    zero = _ZEROS.get(next(iter(powers), ""), 0.0) if list(powers.values()) == [1] else 0.0
+    return Unit(size, frozenset(dimension.items()), zero)
 
 
 def _powers(plain: str) -> dict[str, float]:

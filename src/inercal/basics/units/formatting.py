@@ -27,7 +27,7 @@ _PREFIXED = tuple(
 )
 """Lists of units that can replace each other as the first factor of a unit, ordered by size."""
 _WHOLE = (("nm", "µm", "mm", "m", "km"), ("″", "°"), ("°/h", "°/s"))
-_FIRST_FACTOR = re.compile("°C|[A-Za-zµ]+|%")
+_FIRST_FACTOR = re.compile("°[CF]|[A-Za-zµ]+|%")
 _PLAIN_FROM, _PLAIN_TO = -4, 7  # powers of ten for which a number has no exponent
 _SMALL, _LARGE_ENOUGH = 0.01, 0.1  # smaller numbers are printed in another unit
 _DURATIONS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"))  # s

@@ -44,7 +44,9 @@ class Measured:
         return key if self.assumed else ""
 
 
-def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) -> Measured:
+def parse_quantity(
+    text: str | float, like: str, *, last_digit: bool = False, difference: bool = False
+) -> Measured:
     """Return the value and standard uncertainty, in SI, of a quantity given as text.
 
     Forms: "0.5 m", "0.5 m ± 5 µm", "(12 ± 3) µg", "9.81 m/s² ± 40 ppm" (relative), "0 ± 0.5 %",
@@ -60,6 +62,8 @@ def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) ->
         Whether a value without "±" gets the uncertainty of its last digit: a rectangular
         distribution with a half-width of half a digit (GUM 4.3.7), so u is half a digit divided by
         √3. If false, such a value is exact, like "± 0".
+    difference : bool
+        Whether the text states a difference of temperatures, so that "0.2 °C" is 0.2 K.
 
     Raises
     ------
@@ -84,7 +88,7 @@ def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) ->
                 "states k without an uncertainty; write both as in '0.5 m ± 10 µm (k=2)'"
             )
         if not rest:
-            value = _value(number, unit, like)
+            value = _value(number, unit, like, difference=difference)
             if not last_digit:
                 return Measured(value, 0.0)
             return Measured(
@@ -96,7 +100,7 @@ def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) ->
         if sd < 0:
             raise NotationError("states a negative uncertainty; write it as 0 or more")
         unit = unit or _shared_unit(number, sd_unit, like)
-        value = _value(number, unit, like)
+        value = _value(number, unit, like, difference=difference)
         return Measured(value, _sd(value, unit, sd, sd_unit, like) / (k or 1.0))
 
 
@@ -159,11 +163,11 @@ def _shared_unit(number: float, sd_unit: str, like: str) -> str:
     return ""
 
 
-def _value(number: float, unit: str, like: str) -> float:
+def _value(number: float, unit: str, like: str, *, difference: bool) -> float:
     if not unit and read_unit(like).dimension:
         raise NotationError(f"has no unit; expected {dimension_text(like, f'{number:g} {like}')}")
     read = require_dimension(unit or "1", like)
-    value = number * read.size + read.offset
+    value = number * read.size + (0.0 if difference else read.offset)
     if not abs(value) < _TOO_LARGE:
         raise NotationError("is too large; write a smaller number")
     return value

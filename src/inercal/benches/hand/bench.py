@@ -4,11 +4,14 @@ In the body frame, the upward direction is tilted from its nominal direction by 
 t₁, t₂ along d₁, d₂ ⟂ up::
 
     hold    f = g u,   u = (up + t₁ d₁ + t₂ d₂) / norm
-            ω = Ω sin φ u + e₁ d₁ + e₂ d₂ + β                  (earth rate; azimuth unknown)
+            ω = Ω sin φ u + (e₁ + v₁) d₁ + (e₂ + v₂) d₂ + β    (earth rate; azimuth unknown)
     turn    mean ω = (α + δα) n / (T (1 + τ)) + Ω sin φ f̄ / g + β,   n is tilted in the same way
             (the horizontal earth rate rotates in the body and is neglected: it causes a
             misalignment of at most Ω cos φ T / |α|, 14″ for a full turn in 8 s)
             mean f = f̄, as the accelerometers measured it
+
+A fixture gives a face the same azimuth at each visit, and a hand gives it another one, so repeated
+visits share e₁ and e₂ and each has its own v₁ and v₂; a single visit has none.
 
 β is the change of the gyros' biases from step to step, if each step is a separate recording.
 
@@ -18,6 +21,7 @@ recording's clock.
 """
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -41,6 +45,8 @@ from inercal.physics.sensors import Sensor
 DEGREE = pi / 180
 _TURN_ON = tuple(f"turn_on_{a}" for a in "xyz")
 _PLACEMENT = ("placement1", "placement2")
+_AZIMUTH = ("earth1", "earth2")
+_REVISIT = ("earth_visit1", "earth_visit2")
 _VISIT = re.compile(r" \((\d+)\)$")  # end of a label for a repeated visit, "x_p (2)"
 _NEAR_EQUATOR = radians(20)  # the magnetic equator is up to 15° away from the equator
 _CLEAR = 3.0  # standard uncertainties
@@ -168,6 +174,7 @@ class Hand(NoReadingOffsets):
             Parameter("earth_up", "rad/s", up_sd, "run", up, "earth rate, vertical", assumed),
             Parameter("earth1", "rad/s", level, "position", 0.0, "earth rate, level"),
             Parameter("earth2", "rad/s", level, "position", 0.0, "earth rate, level"),
+            *(Parameter(n, "rad/s", level, "position", 0.0, "earth rate, visit") for n in _REVISIT),
             *declared_parameters(self, "turn_angle", "turn_tilt", "timebase", "turn_on"),
         )
         return self.qualified.apply(stated)
@@ -205,6 +212,7 @@ class Hand(NoReadingOffsets):
         """
         found: dict[str, Parameter] = {}
         turns = any(isinstance(step, Turn) for step in steps)
+        visits = Counter(face_label(step.label) for step in steps)
         for parameter in self.parameters:
             own = parameter.name in _TURN_ON
             if own and not self.turn_on:
@@ -221,13 +229,15 @@ class Hand(NoReadingOffsets):
             found |= {
                 f"{parameter.name}[{self._place(parameter.name, step)}]": parameter
                 for step in steps
-                if own or isinstance(step, Turn) == (parameter.scope == "turn")
+                if (own or isinstance(step, Turn) == (parameter.scope == "turn"))
+                and (parameter.name not in _REVISIT or visits[face_label(step.label)] > 1)
             }
         return found
 
     def _place(self, name: str, step: HandStep) -> str:
-        """Return the label of a parameter; all visits to a face share its tilt."""
-        return face_label(step.label) if self.placement and name.startswith("tilt") else step.label
+        """Return the label of a parameter; visits to a face share its azimuth and perhaps tilt."""
+        shared = name in _AZIMUTH or (self.placement and name.startswith("tilt"))
+        return face_label(step.label) if shared else step.label
 
     def tilt_names(self, step: HandStep) -> list[str]:
         """Return the full names of the two tangents that tilt the step's up or axis most."""
@@ -351,10 +361,14 @@ def _hold_motion(step: Hold, q: Mapping[str, Array]) -> MeanMotion:
     d = _cached_tangents(step.up)
     g = q["g"][..., None]
     up_rate = q.get("earth_up", np.zeros(()))[..., None]
-    level = _parameter_pair(q, "earth", label)
+    azimuth = [f"{name}[{face_label(label)}]" for name in _AZIMUTH]
+    azimuth += [own for name in _REVISIT if (own := f"{name}[{label}]") in q]
+    level = _parameter_pair(q, "earth", face_label(label)) + _parameter_pair(
+        q, "earth_visit", label
+    )
     df = {"g": u} | {name: g * du[..., k % 2] for k, name in enumerate(names)}
     dw = {"earth_up": u} | {name: up_rate * du[..., k % 2] for k, name in enumerate(names)}
-    dw |= {f"earth{k + 1}[{label}]": np.broadcast_to(d[k], u.shape) for k in range(2)}
+    dw |= {name: np.broadcast_to(d[k % 2], u.shape) for k, name in enumerate(azimuth)}
     own = _own_bias(q, label, u.shape, dw)
     return MeanMotion(Motion(g * u, up_rate * u + row_products(level, d) + own), df, dw)
 

@@ -172,13 +172,17 @@ def _earth_rates_at_holds(holds: Sequence[Hold], drawn: dict[str, Array]) -> dic
     found: dict[str, Array] = {}
     level, before = np.zeros(0), np.zeros(0)
     for hold in holds:
-        d, names = tangent_vectors(hold.up), [f"earth{k}[{hold.label}]" for k in (1, 2)]
+        d, names = tangent_vectors(hold.up), [f"earth{k}[{face_label(hold.label)}]" for k in (1, 2)]
         up = _up_and_force(hold, drawn)["up"]
         if not found:
             level = np.stack([drawn[name] for name in names], axis=-1) @ d
         else:
             axis, angle = shortest_rotation(before, up)
             level = rotate_vectors(axis, angle[:, None], level)[:, 0]
+        own = [f"earth_visit{k}[{hold.label}]" for k in (1, 2)]
+        if own[0] in drawn:
+            found |= dict.fromkeys(names, np.zeros(len(level)))
+            names = own
         found |= {name: level @ row for name, row in zip(names, d, strict=True)}
         before = up
     return found

@@ -237,9 +237,10 @@ def _scale(section: str, given: dict[str, Any] | None, rate: float | None) -> Sc
     number, unit = _with_key(key, lambda: _parse_scale(given["scale"], example))
     zero = 0.0
     if section == "temperature":
-        stated = given.get("zero", "0 °C" if "C" in unit or "℃" in unit else "0 K")
-        zero = _with_key("[temperature] zero", lambda: parse_quantity(stated, "K").value)
-        unit = "K" if "C" in unit or "℃" in unit else unit
+        stated = given.get("zero", f"0 {unit}")
+        zero = _with_key("[temperature] zero", lambda: parse_quantity(stated, "°C").value)
+        number *= _with_key(key, lambda: parse_quantity(f"1 {unit}", "K", difference=True).value)
+        unit = "K"
     size = _with_key(key, lambda: number * _unit_size(unit, like, increment, rate))
     if not (math.isfinite(size) and size):
         raise InputError(

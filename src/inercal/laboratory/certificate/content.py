@@ -29,7 +29,7 @@ from inercal.laboratory.certificate.results import (
 from inercal.laboratory.certificate.texts import Language, Texts
 from inercal.runfile.job import Action, JobSection, LaboratoryFile
 
-_RANGES = {"force": "m/s²", "rate": "rad/s", "temperature": "K"}
+_RANGES = {"force": "m/s²", "rate": "rad/s", "temperature": "°C"}
 
 
 def certificate_marks(
@@ -112,7 +112,7 @@ def _outside_ranges(laboratory: LaboratoryFile, calibration: Calibration) -> lis
             raise InputError(f"{key}: the first quantity must be below the second", key=key)
         least, largest = known[name]
         if least < low or largest > high:
-            offset, shown = (ZERO_CELSIUS, "°C") if unit == "K" else (0.0, unit)
+            offset, shown = (ZERO_CELSIUS, "°C") if unit == "°C" else (0.0, unit)
             found.append(f"{name} {least - offset:.4g} to {largest - offset:.4g} {shown}")
     return found
 

@@ -30,6 +30,7 @@ _PARAMETER_TITLES = {  # titles of parameters whose names are not words
     "dwell_tilt": "tilt of dwells",
     "earth_up": "earth rate, vertical",
     "earth": "earth rate, level",
+    "earth_visit": "earth rate, level, at a visit",
     "angle": "turn angle",
     "axis": "turn axis",
     "timebase": "clock",

@@ -114,7 +114,13 @@ def _why_no_times(stamps: Array, unit: str | None) -> str:
 
 
 def _standing_stamps(table: Table) -> str:
-    """Return why a column that is named like a time is not used; empty if there is none."""
+    """Return why a column that is named like a time is not used; empty if there is none.
+
+    Raises
+    ------
+    InputError
+        The times run backwards, so that the rows are in the wrong order.
+    """
     for name in (one for one in table.names if role_of_name(one) == "time"):
         column, unit = table.columns[name], time_unit(name)
         if column.dtype.kind != "U":
@@ -123,7 +129,16 @@ def _standing_stamps(table: Table) -> str:
             stamps, unit = times_from_iso(column.tolist(), name, table)[0], "s"
         else:
             return f"{name} cannot be the time, because {column[0]} is not an ISO 8601 time"
-        if np.all(np.diff(stamps) >= 0) and not np.median(np.diff(stamps)) > 0:
+        steps = np.diff(stamps)
+        if steps.size and np.all(steps < 0):
+            raise InputError(
+                f"{table.source}: column {name!r}: the time decreases from row to row, first from "
+                f"{stamps[0]:.6g} to {stamps[1]:.6g}; sort the rows by time, or rename the column "
+                "if it is no time",
+                names=(name,),
+                key="data.time",
+            )
+        if np.all(steps >= 0) and not np.median(np.diff(stamps)) > 0:
             return f"{name} cannot be the time: {_why_no_times(stamps, unit)}"
     return ""
 

@@ -39,7 +39,7 @@ from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.mean_tables import SD_SUFFIX
 from inercal.recordings.io.repeated_values import railed_ranges
 from inercal.recordings.samples import mean_step
-from inercal.recordings.temperature import COUNTS, first_impossible, seems_kelvin
+from inercal.recordings.temperature import COUNTS, first_impossible, named_unit, seems_kelvin
 
 _NAMED = {"omega_over_pi": "0.5 rev/s"}
 _CLEAR = 0.3  # ratio of the scatter of norms in two units that decides
@@ -294,6 +294,8 @@ def _thermometer_keys(
     table: Table, name: str, values: Mapping[str, object]
 ) -> tuple[DraftKey, ...]:
     """Return the known keys for a temperature column whose readings cannot be in °C."""
+    if "data.temperature_unit" not in values and (stated := named_unit(name)) != "°C":
+        return (DraftKey("data", "temperature_unit", stated, "by its name"),)
     read = table.numbers(name)
     kelvin = seems_kelvin(read)
     if first_impossible(read + ZERO_CELSIUS) is None and not kelvin:

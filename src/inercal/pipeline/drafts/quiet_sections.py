@@ -7,6 +7,8 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.recordings import Indices
 
+_JUMP = 10.0  # difference between the means of neighbouring quiet blocks, in limits of the scatter
+
 
 class QuietMeans(NamedTuple):
     """Sections at rest with their means, (k, 3), as start and stop samples, (k, 2)."""
@@ -37,7 +39,11 @@ def find_quiet_sections(data: Array, window: int) -> Indices:
     gap = (sums[:-1] / below - (sums[-1] - sums[:-1]) / (count - below)) ** 2
     split = int(np.argmax(below * (count - below) * gap))
     apart = np.sqrt(gap[split])
-    quiet = level <= 0.5 * (edges[split] + edges[split + 1]) if apart > 1.5 else level < np.inf
+    limit = 0.5 * (edges[split] + edges[split + 1]) if apart > 1.5 else np.inf
+    quiet = level <= limit
+    # Between two files the attitude changes from one sample to the next.
+    step = np.abs(np.diff(blocks.mean(axis=1), axis=0)) / floor
+    quiet[1:] &= step.max(axis=-1) <= _JUMP * np.exp(limit)
     change = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(int), [0]])))
     runs = change.reshape(-1, 2)
     runs = runs[runs[:, 1] - runs[:, 0] >= 4]

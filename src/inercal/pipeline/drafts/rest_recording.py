@@ -325,7 +325,8 @@ def _columns(
         )
     unit = str(values.get("data.time_unit", keys.get("time_unit", "s")))
     dates = "time" in keys and table.columns[roles.single["time"]].dtype.kind == "U"
-    warm, thermometer = roles.single.get("temperature"), stated_thermometer(values)
+    warm = roles.single.get("temperature")
+    thermometer = stated_thermometer(values, warm)
     named = [key for key in stated if "temperature" in key]
     if warm is not None and not named:
         kelvin = thermometer.kelvin(table.numbers(warm))

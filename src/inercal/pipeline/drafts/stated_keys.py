@@ -26,7 +26,7 @@ from inercal.pipeline.drafts.readouts import COUNTED_UNITS
 from inercal.recordings.io.column_table import Table, select_columns
 from inercal.recordings.io.read import detect_reader
 from inercal.recordings.io.readers import known_options
-from inercal.recordings.temperature import TemperatureReadout, temperature_readout
+from inercal.recordings.temperature import TemperatureReadout, named_unit, temperature_readout
 from inercal.runfile.schema import RunSchema
 
 _TRIADS = ("accelerometer", "gyro")
@@ -81,7 +81,7 @@ def stated_options(values: Mapping[str, Any], log: Path) -> dict[str, object]:
     return {key: value for key, value in stated.items() if value is not None}
 
 
-def stated_thermometer(values: Mapping[str, Any]) -> TemperatureReadout:
+def stated_thermometer(values: Mapping[str, Any], column: str | None) -> TemperatureReadout:
     """Return the readout of the temperature column from the stated values.
 
     Raises
@@ -101,7 +101,7 @@ def stated_thermometer(values: Mapping[str, Any]) -> TemperatureReadout:
         raise key_error(
             "data.allow_temperature", f"{allowed!r} is not possible; it can be true or false"
         )
-    unit = given["unit"] or "°C"
+    unit = given["unit"] or named_unit(column)
     return temperature_readout(unit, given["scale"], given["zero"], allowed=allowed)
 
 

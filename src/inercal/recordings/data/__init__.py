@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Self, TypeVar, cast
 
 from pydantic import Field, model_validator
 
@@ -20,7 +20,12 @@ from inercal.physics.section_settings import BenchUsage, Section, optional
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Observations, Recording
 from inercal.recordings.environment import Environment
-from inercal.recordings.temperature import TemperatureReadout, temperature_readout
+from inercal.recordings.temperature import (
+    CELSIUS,
+    TemperatureReadout,
+    named_unit,
+    temperature_readout,
+)
 
 if TYPE_CHECKING:
     from inercal.recordings.segments import RestDetection  # the kernels load with the readers
@@ -81,6 +86,16 @@ class DataSection(Section):
         examples=[{"accelerometer": "30 µg", "gyro": "5 °/h"}],
     )
     seconds: str | int | None = optional(about="for tables of means: durations, s")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _unit_by_name(cls, given: Any) -> Any:
+        """State the unit of temperature that the column's name states, such as "temp_F"."""
+        if not isinstance(given, dict):
+            return given
+        keys = cast("dict[str, Any]", given)
+        unit = named_unit(keys.get("temperature", ""))
+        return keys if unit == CELSIUS.unit else {"temperature_unit": unit, **keys}
 
     @model_validator(mode="after")
     def _keys_fit_together(self) -> "DataSection":

@@ -364,7 +364,14 @@ def stated_deviations(run: RunBase[DataSection]) -> dict[str, float]:
             unit, scale = readouts[0].unit, readouts[0].scale
             if output_unit(unit) is None:
                 raise error.located(where, file=run.path, key=key) from None
-            deviations[measures] = si_value(text, unit, where) / si_factor(unit) / abs(scale)
+            try:
+                deviations[measures] = si_value(text, unit, where) / si_factor(unit) / abs(scale)
+            except InputError:
+                raise InputError(
+                    f"{where}: {error}, or in the unit of the readings, {unit!r}",
+                    file=run.path,
+                    key=key,
+                ) from None
         if deviations[measures] <= 0:
             raise InputError(f"{where}: {text!r} must be positive", file=run.path, key=key)
     return deviations

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array, true_ranges
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_count, format_duration
+from inercal.basics.units import format_count, format_duration, format_quantity
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Sensor
@@ -48,17 +48,20 @@ class SectionDetection:
     marks : tuple of Mark
         Marks in the order of the plan; if several rests fit a step, the longest one.
     missing : tuple of str
-        Labels of the plan's holds for which no rest was found.
+        Labels of the holds for which no rest was found, numbered by part as those of the marks.
     rests : tuple of Mark
         All rests, "rest 1", "rest 2", …, sorted by time.
     levels : tuple of MotionThreshold
         Scatter at rest and in motion, and the threshold, for each kind of axis.
+    places : tuple of str
+        The parts in which holds are missing, with these holds; empty if there are no parts.
     """
 
     marks: tuple[Mark, ...]
     missing: tuple[str, ...]
     rests: tuple[Mark, ...]
     levels: tuple[MotionThreshold, ...]
+    places: tuple[str, ...] = ()
 
     @property
     def words(self) -> str:
@@ -72,6 +75,8 @@ class SectionDetection:
         if not self.missing:
             return ()
         text = f"no rest fits {', '.join(self.missing)}: {self.words}"
+        if self.places:
+            text = f"rests are missing in {'; '.join(self.places)}: {self.words}"
         return (Finding("warning", "missing", text),)
 
 
@@ -185,13 +190,18 @@ class _Channel:
         self.floor = max(float(np.quantile(self.deviation, 0.1)), 0.3 * least)
         self.limit = _RESTLESS * self.floor
 
-    def at_rest(self, limit: float, *, rate: bool) -> NDArray[np.bool_]:
-        """Return where the channel scatters less than the limit and, for a rate, is not turning."""
+    def at_rest(
+        self, limit: float, parts: Sequence[tuple[int, int]], *, rate: bool
+    ) -> NDArray[np.bool_]:
+        """Return where the channel scatters less than the limit and, for a rate, is not turning.
+
+        The bias of a gyro may differ from part to part by more than it differs between attitudes.
+        """
         quiet = self.deviation < limit
-        if rate and quiet.any():
+        for part in (slice(*one) for one in parts if rate and quiet[slice(*one)].any()):
             # In the middle of a turn the rate may be as steady as at rest, but its mean differs.
-            away = np.abs(self.mean - np.median(self.mean[quiet]))
-            quiet &= away < max(_TURNING * self.floor, _SLOWEST)
+            away = np.abs(self.mean[part] - np.median(self.mean[part][quiet[part]]))
+            quiet[part] &= away < max(_TURNING * self.floor, _SLOWEST)
         return quiet
 
 
@@ -238,8 +248,9 @@ def _sections(
     force = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
     rate = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
     quiet = np.ones(len(y), dtype=np.bool_)
+    files = parts or [(0, len(y))]
     for k in (*force, *rate):
-        quiet &= channels[k].at_rest(limits[k], rate=k in rate)
+        quiet &= channels[k].at_rest(limits[k], files, rate=k in rate)
     for before, after in recording.gaps:
         quiet[before : after + 1] = False
     margin, shortest = (sample_count(s, recording.median_step) for s in (MARGIN, SHORTEST))
@@ -255,21 +266,38 @@ def _sections(
         if own
     )
     marks: list[Mark] = []
-    for visit, (a, b) in enumerate(parts or [(0, len(y))], 1):
+    missing: list[str] = []
+    places: list[str] = []
+    for visit, (a, b) in enumerate(files, 1):
         own = [rest for rest in rests if a <= rest[0] < b]
         holds = _holds(y[:, force], own, steps, every=every and not parts) if own else []
         number = f" ({visit})" if visit > 1 else ""
         marks += [replace(mark, label=mark.label + number) for mark in holds]
+        found = {mark.label for mark in holds}
+        lost = [s.label for s in steps if isinstance(s, Hold) and s.label not in found]
+        missing += [label + number for label in lost]
+        if lost and parts:
+            places.append(f"{_part_name(recording, a, b)} ({', '.join(lost)})")
     if rests and rate:
         marks += _turns(y[:, rate], y[:, force], recording, quiet, rests, steps)
     order = [step.label for step in steps]
-    named = {mark.label for mark in marks}
     return SectionDetection(
         tuple(sorted(marks, key=lambda mark: order.index(mark.label.partition(" (")[0]))),
-        tuple(s.label for s in steps if isinstance(s, Hold) and s.label not in named),
+        tuple(missing),
         tuple(Mark(f"rest {k}", a, b) for k, (a, b) in enumerate(rests, 1)),
         levels,
+        tuple(places),
     )
+
+
+def _part_name(recording: Recording, start: int, stop: int) -> str:
+    """Return the name of a part: that of its file, or its temperature."""
+    if recording.labels is not None:
+        return str(recording.labels[start])
+    if recording.temperature is None:
+        return f"the part from {recording.time[start]:.6g} s"
+    kelvin = float(np.median(recording.temperature[start:stop]))
+    return f"the soak at {format_quantity(kelvin, 0.0, '°C', 3)}"
 
 
 def _level(
