@@ -105,7 +105,7 @@ def _refusal(
         f"{labels[k] if labels else 'a sample'}: the norm of the readings is {norm:.4g} m/s², but "
         f"gravity, [bench] radius and the rate give {expected:.4g} m/s²"
     )
-    finding = norm_finding(norm, expected, text)
+    finding = norm_finding(norm, expected, text, run.sensor.select_axes("f").axes[0].readout.unit)
     if finding is None or finding.severity != "refused":
         return None
     if left < _AGREES and alike and spread > _CLEAR * of_rates:
