@@ -497,6 +497,13 @@ def test_k1_of_the_other_form_is_no_prior(tmp_path: Path):
         refused_run(run_file(tmp_path, more=more), refused_name)
 
 
+def test_a_recording_of_degrees_that_are_stated_as_radians_names_the_key(tmp_path: Path):
+    path = recorded(tmp_path)
+    text = path.read_text(encoding="utf-8").replace("[data]\n", '[data]\nangle_unit = "rad"\n')
+    path.write_text(text, encoding="utf-8")
+    refused_run(path, key="[data] angle_unit")
+
+
 def test_angles_in_rounded_radians_are_the_same_positions(tmp_path: Path):
     table = Table()
     table.write(tmp_path)
