@@ -329,7 +329,8 @@ def _first_line(word: str, why: str) -> str:
     """Return the grade and its main reason; without what stands in brackets, if too long."""
     short = re.sub(r" \([^()]*\)", "", why)
     cut = fit(short, MOST_CHARACTERS - len(f"{word}: "))
-    return first_fit(f"{word}: {why}.", f"{word}: {short}.", f"{word}: {cut}")
+    end = "." * (not why.endswith("…"))
+    return first_fit(f"{word}: {why}{end}", f"{word}: {short}{end}", f"{word}: {cut}")
 
 
 def _next_line(steps: Sequence[_Step]) -> str:
