@@ -169,3 +169,12 @@ def test_a_file_whose_conformity_contradicts_its_rule_is_refused(tmp_path: Path)
         text = json.dumps(changed | {"sha256": digest}, ensure_ascii=False)
         with pytest.raises(InputError, match=key):
             parse(text, "a.calibration.json")
+
+
+@pytest.mark.parametrize("limit", ["± -15 mg", "±−15 mg", "+/- -15 mg"])
+def test_a_negative_limit_is_not_called_an_uncertainty(tmp_path: Path, limit: str):
+    with pytest.raises(InputError) as refusal:
+        limits(tmp_path, f'[specification.limits]\n"ax.k0" = "{limit}"')
+    assert refusal.value.key == "[specification.limits] ax.k0"
+    assert "limit" in str(refusal.value).partition(limit)[2]
+    assert "uncertainty" not in str(refusal.value)

@@ -12,8 +12,8 @@ from tests.refusals import refused
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
+from inercal.benches.column_orders import SignedPermutation, signed_permutations
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.exchange_fits import SignedPermutation, signed_permutations
 from inercal.benches.turntable.reading.sample_checks import require_angle_unit
 from inercal.benches.turntable.reading.track_checks import ColumnNames, check_track
 from inercal.physics.sensors.catalogue import imu

@@ -14,6 +14,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_duration, format_quantity
+from inercal.benches.column_orders import identity_permutation
 from inercal.benches.turntable.attitude import motion, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.exchange_fits import (
@@ -23,7 +24,6 @@ from inercal.benches.turntable.reading.exchange_fits import (
     alternative_axis_orders,
     block_means,
     find_exchanges,
-    identity_permutation,
     moments,
 )
 from inercal.benches.turntable.reading.host_readback import Interruption, are_interrupted
