@@ -1,5 +1,6 @@
 """Run files on a centrifuge, from the file to the verdict; what is wrong is said in one line."""
 
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -496,3 +497,15 @@ def test_units_that_gravity_cannot_tell_apart_are_both_named(tmp_path: Path):
     after = str(caught.value).partition(" give ")[2]
     assert "[sensor.accelerometer]" in after
     assert "[bench] radius" in after
+
+
+def test_coefficients_that_the_attitudes_do_not_show_are_taken_out_of_the_key(tmp_path: Path):
+    method = 'name = "centrifuge_norm"'
+    with pytest.raises(NotObserved) as caught:
+        calibrate(changed(tmp_path, "lab", (method, f'{method}\nalso = ["arm", "k3"]')))
+    assert len(caught.value.names) == 4
+    advised = re.search(r"also = (\[.*?\])", str(caught.value))
+    assert advised is not None
+    added = calibrate(changed(tmp_path, "lab", (method, f"{method}\n{advised[0]}"))).calibration
+    assert {f"{a}.k3" for a in ("ax", "ay", "az")} < set(added.sensor.coefficients)
+    assert sum(".arm_" in name for name in added.sensor.coefficients) == 5

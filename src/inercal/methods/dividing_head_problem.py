@@ -49,8 +49,8 @@ def plan(
     """
     if positions < MIN_POSITIONS:
         raise InputError(
-            f"{format_count(positions, 'position')} cannot be a tumble test; give "
-            f"{MIN_POSITIONS} or more",
+            f"{format_count(positions, 'position')} {'is' if positions == 1 else 'are'} too few "
+            f"for a tumble test; give {MIN_POSITIONS} or more",
             key="positions",
         )
     repeats = (Index(f"w{k:02d}", 0.0, seconds=seconds) for k in range(1, warm_up + 1))
