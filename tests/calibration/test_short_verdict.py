@@ -313,3 +313,14 @@ def test_many_causes_as_good_as_an_added_group_are_counted_before_they_are_liste
     said = verdict(fitted(0.0, {"ax.k2": "coefficient"}, SENSOR), SENSOR, (finding,))
     assert "4 other causes" in said.lines[0]
     assert not said.lines[0].endswith("…")
+
+
+def test_uncertainties_of_one_group_in_several_units_name_their_coefficients():
+    sensor = triad("t", "f", "a").with_coefficients("bias", "k2", "k3")
+    said = verdict(fitted(0.0, {"ax.k1": "coefficient"}, sensor), sensor, ())
+    (section,) = [one for one in said.explanation if one.heading == explanation.UNCERTAINTIES]
+    assert [line.partition(":")[0] for line in section.lines] == [
+        "accelerometer bias",
+        "accelerometer nonlinearity (k2)",
+        "accelerometer nonlinearity (k3)",
+    ]
