@@ -19,6 +19,7 @@ import inercal
 from inercal.basics.errors import InputError
 from inercal.pipeline.drafts import Draft, draft_run_file
 from inercal.pipeline.drafts.column_roles import recognise_columns
+from inercal.pipeline.drafts.log_files import read_logs
 from inercal.recordings.data.rest_marks import parse_face, planned_name
 from inercal.recordings.io.column_table import Table
 
@@ -502,11 +503,11 @@ def test_files_that_name_rates_are_turns_of_a_rate_table_and_not_rests(tmp_path:
     assert {one.name for one in draft.trials} == {"rates_and_poses"}
 
 
-def test_files_that_only_name_rests_remain_poses_by_hand(tmp_path: Path):
+def test_files_that_only_name_rests_state_no_rates(tmp_path: Path):
     names = [f"{sign}{axis}_rest" for axis in "xyz" for sign in ("", "-")]
-    draft = drafted(rate_files(tmp_path, names), tmp_path)
-    assert draft.roles.rates == ()
-    assert "bench.kind" not in chosen(draft)
+    roles = read_logs(rate_files(tmp_path, names), {}).roles
+    assert roles.rates == ()
+    assert roles.marks == "labels"
 
 
 def test_a_column_of_row_numbers_is_not_an_accelerometer():
