@@ -16,6 +16,8 @@ def require_short(verdict: Verdict) -> None:
         assert "\n" not in line
         assert len(line) <= MOST_CHARACTERS or PASTED.match(line), line
         assert not re.search(r"\d[.\d]*e\+?\d", line), line
+        assert line.count("(") == line.count(")"), line
+        assert not line.endswith("…."), line
     grade, _, reason = verdict.lines[0].partition(": ")
     assert grade.lower().startswith(verdict.word)
     assert reason, verdict.reasons

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from tests.calibration.short_lines import KEY, require_short
 
+from inercal.basics.keys import CoefficientName
 from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Change
 from inercal.calibration import explanation
+from inercal.calibration.additions import Addition, doubtful_additions
 from inercal.calibration.explanation import (
     ExplanationSection,
     customer_sections,
@@ -19,10 +21,13 @@ from inercal.calibration.explanation import (
     fit_list,
     without_operator_words,
 )
-from inercal.calibration.verdict import verdict
+from inercal.calibration.grade import assess, grade_estimate
+from inercal.calibration.suspect_text import cause_line
+from inercal.calibration.verdict import _first_line, verdict  # pyright: ignore[reportPrivateUsage]
 from inercal.estimation import Candidate, Estimate, Problem, least_squares
 from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.result import ResidualGroup
+from inercal.estimation.scores import CandidateKind
 from inercal.physics.sensors import G0, Sensor, axes_along, imu, triad
 from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.physics.sensors.coefficient_words import coefficient_words
@@ -226,3 +231,96 @@ def test_a_file_without_lines_and_headings_has_its_notes():
     assert read.lines == ("Usable with reservations: a check warns: gap",)
     assert read.explanation == (ExplanationSection(explanation.NOTES, ("one", "two")),)
     assert read.warned == ("gap",)
+
+
+WHOLE = imu().with_coefficients(*(line.name for table in TABLES.values() for line in table))
+
+
+@pytest.mark.parametrize("kind", ["coefficient", "bench", "time", "row"])
+def test_a_shift_of_any_coefficient_is_stated_with_its_size(kind: CandidateKind):
+    plain = fitted(3e-4, {"r1": kind}, SENSOR)
+    assessment = assess(plain, len(SENSOR.coefficients), ())
+    assert assessment.best is not None
+    for name in WHOLE.coefficients:
+        found = replace(
+            assessment,
+            best=replace(
+                assessment.best,
+                shifted_coefficient=name,
+                shift=1234.0,
+                kind=kind,
+                remaining_p_value=0.0,
+            ),
+        )
+        graded = grade_estimate(plain, WHOLE, found, (), ())
+        (reason,) = [one for one in graded.reasons if " shifts " in one]
+        line = _first_line("Not to be relied on", reason)
+        assert line.endswith(" by 1200 U."), line
+        assert name in line or coefficient_words(WHOLE, name).partition(" (")[0] in line
+
+
+def test_a_cause_is_named_and_its_size_is_stated_if_its_words_are_long():
+    plain = fitted(3e-4, {"ax.k2": "coefficient"}, SENSOR)
+    found = assess(plain, len(SENSOR.coefficients), ())
+    assert found.suspect is not None
+    for name in WHOLE.coefficients:
+        same = tuple(one for one in WHOLE.coefficients if one[2:] == name[2:])
+        for word, components in ((name, (name,)), (CoefficientName(name).term, same)):
+            one = replace(
+                found.suspect,
+                name=word,
+                components=components,
+                units=("1",) * len(components),
+                sizes=(1.0,) * len(components),
+                sds=(1e-3,) * len(components),
+            )
+            line = cause_line(replace(found, best=one), WHOLE, {})
+            assert word in line, line
+            assert not line.endswith("…"), line
+            assert line.count("(") == line.count(")"), line
+
+
+@pytest.mark.parametrize(
+    ("text", "left"),
+    [
+        (
+            "gx is at the end of its range in samples 5812 to 5858 (55.727 s to 56.168 s) here",
+            "gx is at the end of its range in samples 5812 to 5858",
+        ),
+        (
+            "1319 gaps, 6.8 s lost in all, 0.01 s in the longest, after the sample 46282 (1.3 s)",
+            "1319 gaps, 6.8 s lost in all, 0.01 s in the longest",
+        ),
+        (
+            "the temperature rises with time (correlation 0.999, a lot), so a drift cannot be seen",
+            "the temperature rises with time (correlation 0.999, a lot)",
+        ),
+        (
+            "everything in these means is right, but what follows takes that back in many words",
+            "everything in these means is right, but what follows takes that back in…",
+        ),
+    ],
+)
+def test_a_shortened_line_ends_where_a_statement_ends(text: str, left: str):
+    assert fit(text, 75) == left
+
+
+def test_many_causes_as_good_as_an_added_group_are_counted_before_they_are_listed():
+    causes = ("k2_dT", "k1_prime", "ax.k1_prime", "kio")
+    one = Addition("k2", ("ax.k2",), 900.0, 20, 18.0, 19, causes)
+    (finding,) = doubtful_additions((one,))
+    assert all(cause in finding.message for cause in causes)
+    said = verdict(fitted(0.0, {"ax.k2": "coefficient"}, SENSOR), SENSOR, (finding,))
+    assert "4 other causes" in said.lines[0]
+    assert not said.lines[0].endswith("…")
+
+
+def test_uncertainties_of_one_group_in_several_units_name_their_coefficients():
+    sensor = triad("t", "f", "a").with_coefficients("bias", "k2", "k3")
+    said = verdict(fitted(0.0, {"ax.k1": "coefficient"}, sensor), sensor, ())
+    (section,) = [one for one in said.explanation if one.heading == explanation.UNCERTAINTIES]
+    assert [line.partition(":")[0] for line in section.lines] == [
+        "accelerometer bias",
+        "accelerometer nonlinearity (k2)",
+        "accelerometer nonlinearity (k3)",
+    ]

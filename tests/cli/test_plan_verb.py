@@ -135,6 +135,21 @@ def test_what_was_filled_in_is_not_written_over(
     assert program("dual-orthogonal", "--run", pair, "--out", out, "--force")[0] == 0
 
 
+def test_the_run_s_own_sheet_is_written_again_only_with_force(
+    pair: Path, program: Program, tmp_path: Path
+):
+    run = changed(pair, ('file = "pair.csv"', 'file = "sheet.csv"'))
+    out = tmp_path / "sheet.csv"
+    assert program(run, "--out", out)[0] == 0
+    out.write_text("filled", encoding="utf-8")
+    assert program(run, "--out", out)[0] == 2
+    assert out.read_text(encoding="utf-8") == "filled"
+    assert program(run, "--out", out, "--force")[0] == 0
+    assert len(table(out)) == 25
+    # Other inputs are never written over.
+    assert program(run, "--out", run.with_suffix(".toml"), "--force")[0] == 2
+
+
 def test_nothing_is_written_where_the_plan_leaves_coefficients_open(
     pair: Path, program: Program, tmp_path: Path
 ):
@@ -155,6 +170,7 @@ def test_nothing_is_written_where_the_plan_leaves_coefficients_open(
         (("dual-orthogonal", "-r", "RUN", "-o", "a.html"), "--out a.html"),
         (("dual-orthogonal", "-r", "RUN", "--seconds", "0"), "--seconds 0.0"),
         (("multi-position", "-o", "a.csv"), "--out"),
+        (("RUN", "--optimise", "20 min"), "--optimise"),
     ],
 )
 def test_refusals_are_one_line(

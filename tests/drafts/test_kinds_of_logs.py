@@ -19,6 +19,7 @@ import inercal
 from inercal.basics.errors import InputError
 from inercal.pipeline.drafts import Draft, draft_run_file
 from inercal.pipeline.drafts.column_roles import recognise_columns
+from inercal.pipeline.drafts.log_files import read_logs
 from inercal.recordings.data.rest_marks import parse_face, planned_name
 from inercal.recordings.io.column_table import Table
 
@@ -469,3 +470,53 @@ def test_inputs_of_others_calibrate_at_the_first_try(
     draft = drafted([report_file(name) for name in names], tmp_path)
     assert not draft.questions
     assert_true(calibrated(draft), truth, k=2)
+
+
+def rate_files(folder: Path, names: Sequence[str]) -> list[Path]:
+    """Write a file of 3 s for each name such as "x_+30" or "-y_rest": steady readings, °/s."""
+    rng, found = np.random.default_rng(6), list[Path]()
+    for name in names:
+        axis, _, rate = name.partition("_")
+        up = np.array(
+            [("xyz"[k] == axis[-1]) * (-1.0 if axis[0] == "-" else 1.0) for k in range(3)]
+        )
+        turn = up * (0.0 if rate == "rest" else float(rate.replace("p", "+").replace(",", ".")))
+        force, gyro = (one + rng.normal(0, 1e-3, (300, 3)) for one in (up, turn))
+        columns = [np.arange(300) / 100, *force.T, *gyro.T]
+        heads = ("t", "ax", "ay", "az", "gx (deg/s)", "gy (deg/s)", "gz (deg/s)")
+        found.append(logs.write(folder / f"log_{name}.csv", heads, columns))
+    return found
+
+
+def test_files_that_name_rates_are_turns_of_a_rate_table_and_not_rests(tmp_path: Path):
+    faces = [f"{sign}{axis}" for axis in "xyz" for sign in ("", "-")]
+    names = [f"{face}_{rate}" for face in faces for rate in ("rest", "+30", "-30", "+90,5")]
+    draft = drafted(rate_files(tmp_path, names), tmp_path)
+    keys = chosen(draft)
+    assert (keys["bench.kind"], keys["method.name"]) == ("rate_platform", "rates_and_poses")
+    assert (keys["data.file"], keys["data.marks"]) == ("log_*.csv", "labels")
+    assert sorted({abs(rate) for rate in draft.roles.rates}) == pytest.approx(
+        np.radians([0.0, 30.0, 90.5])
+    )
+    assert draft.rests is not None
+    assert len(draft.rests.spans) == len(faces)
+    assert {one.name for one in draft.trials} == {"rates_and_poses"}
+
+
+def test_files_that_only_name_rests_state_no_rates(tmp_path: Path):
+    names = [f"{sign}{axis}_rest" for axis in "xyz" for sign in ("", "-")]
+    roles = read_logs(rate_files(tmp_path, names), {}).roles
+    assert roles.rates == ()
+    assert roles.marks == "labels"
+
+
+def test_a_column_of_row_numbers_is_not_an_accelerometer():
+    head = {k: np.round(np.arange(36.0) * 10, 3) for k in ("angle_deg",)}
+    columns = {
+        "row": np.arange(1.0, 37.0),
+        **head,
+        "u_mV": 3 * np.sin(np.radians(head["angle_deg"])),
+    }
+    roles = recognise_columns(Table((*columns,), columns, "d.csv", "", 1, True))
+    assert roles.triads["accelerometer"] == ("u_mV",)
+    assert roles.single["angle"] == "angle_deg"

@@ -11,7 +11,7 @@ from inercal.physics.sensors import Readout, triad
 from inercal.recordings import Finding, Recording
 from inercal.recordings.io.audit import audit, require_accepted
 from inercal.recordings.io.read import Columns, read_recording
-from inercal.recordings.io.rest_norm import audit_rest_norm
+from inercal.recordings.io.rest_norm import audit_rest_norm, norm_finding
 
 G0 = 9.80665
 
@@ -231,6 +231,27 @@ def test_units_are_judged_by_gravity_at_rest(
     findings = audit_rest_norm(made, triad(readout=readout), 9.81).findings
     assert [f.severity for f in findings] == ([] if severity is None else [severity]), declared
     assert all(unit in f.message and ("unit =" in f.message) == bool(unit) for f in findings)
+
+
+@pytest.mark.parametrize(
+    ("unit", "ratio", "named"),
+    [
+        ("V", 0.01, ["100 times too large"]),
+        ("V", 10.0, ["10 times too small"]),
+        ("LSB", 1 / G0, ["9.81 times too large", "per m/s² instead of per g"]),
+        ("LSB", G0, ["9.81 times too small", "per g instead of per m/s²"]),
+        ("g", G0, ['unit = "m/s²"']),
+        ("g", 0.01, ["units"]),  # mg would need columns that are declared as m/s²
+    ],
+)
+def test_a_wrong_norm_names_only_a_unit_or_a_scale_that_was_stated(
+    unit: str, ratio: float, named: list[str]
+):
+    finding = norm_finding(9.81 * ratio, 9.81, "norm", unit)
+    assert finding is not None
+    assert all(text in finding.message for text in named), finding.message
+    assert ("declared as" in finding.message) == (named[0].startswith("unit ="))
+    assert ("instead of" in finding.message) == (len(named) > 1)
 
 
 AXES = ("ax", "ay", "az", "gx", "gy", "gz")

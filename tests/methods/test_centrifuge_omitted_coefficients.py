@@ -18,7 +18,7 @@ from tests.methods.test_centrifuge_norm import BENCH, NOISE, TRUTH, table
 from inercal.estimation import Estimate
 from inercal.methods.centrifuge_norm import ml, series, series_weighted
 from inercal.methods.centrifuge_norm.omitted_coefficients import find_omitted_coefficients
-from inercal.methods.centrifuge_norm.screening import screen_rows
+from inercal.methods.centrifuge_norm.screening import Repair, SuspectRow, screen_rows
 
 Array = NDArray[np.float64]
 LEVEL = 0.005  # of χ² and of the score tests, each
@@ -157,3 +157,12 @@ def test_screening_of_a_hundred_rows_takes_two_seconds():
     taken = time.process_time() - start
     print(f"{taken:.2f} s")
     assert taken < 2
+
+
+def test_a_repair_says_in_plain_words_what_to_do():
+    exchange = Repair("exchange", {"ax": 1.0, "ay": 2.0}, {"ax": 2.0, "ay": 1.0})
+    said = SuspectRow("p1", 0, 1.0, 40.0, (exchange,)).describe()
+    assert "exchanging ax and ay (1 → 2, 2 → 1)" in said
+    assert "the exchange" not in said
+    sign = Repair("sign", {"az": 1.0}, {"az": -1.0})
+    assert "changing the sign of az (1 → −1)" in SuspectRow("p1", 0, 1.0, 40.0, (sign,)).describe()

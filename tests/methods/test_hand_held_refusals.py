@@ -48,6 +48,16 @@ def test_eight_rests_are_too_few_for_nine_coefficients():
     assert "; add: hold " in str(refusal.value)
 
 
+def test_three_rests_say_what_to_add_before_a_short_list_of_combinations():
+    with pytest.raises(NotObserved) as refusal:
+        calibrated(directions(4, np.random.default_rng(0)))
+    said, _, combinations = str(refusal.value).partition(" (undetermined combinations")
+    assert "; add: hold " in said
+    assert combinations.count(";") == 3
+    assert isinstance(refusal.value, NotObserved)
+    assert f"and {len(refusal.value.directions) - 3} more" in combinations
+
+
 @pytest.mark.parametrize(
     ("normal", "named"), [((0, 0, 1), "az.k1"), ((1, 1, 1), "az.delta_o"), ((1, -2, 0), "ay.k1")]
 )
@@ -63,7 +73,8 @@ def test_attitudes_added_to_a_plane_as_advised_are_accepted():
     plane = planar(20, np.array([0.0, 0.0, 1.0]), 1.0, np.random.default_rng(0))
     with pytest.raises(NotObserved) as refusal:
         calibrated(plane)
-    advised = str(refusal.value).partition("add: hold ")[2].split("; ")
+    said = str(refusal.value).partition(" (undetermined combinations")[0]
+    advised = said.partition("add: hold ")[2].split("; ")
     by_words = {Hold("", tuple(up), 0.0).describe(): up for up in CUBE_DIRECTIONS.tolist()}
     added = np.array([by_words[words] for words in advised])
     assert calibrated(np.concatenate([plane, added])).converged

@@ -184,3 +184,12 @@ def test_a_guard_band_is_rounded_like_u_and_a_probability_has_two_digits():
         assert row.guard == row.expanded
     texts = [probability_text(one) for one in (0.6031, 0.0228, 0.9754, 0.99954)]
     assert texts == ["60 %", "2.3 %", "97.5 %", "99.954 %"]
+
+
+@pytest.mark.parametrize("limit", ["± -15 mg", "±−15 mg", "+/- -15 mg"])
+def test_a_negative_limit_is_not_called_an_uncertainty(tmp_path: Path, limit: str):
+    with pytest.raises(InputError) as refusal:
+        limits(tmp_path, f'[specification.limits]\n"ax.k0" = "{limit}"')
+    assert refusal.value.key == "[specification.limits] ax.k0"
+    assert "limit" in str(refusal.value).partition(limit)[2]
+    assert "uncertainty" not in str(refusal.value)

@@ -1,5 +1,6 @@
 """Run files on a centrifuge, from the file to the verdict; what is wrong is said in one line."""
 
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -439,6 +440,34 @@ def test_rates_of_a_table_in_another_unit_than_rpm_are_named(
     assert (caught.value.key, caught.value.names) == ("[data] arm_rate_unit", (unit,))
 
 
+@pytest.mark.parametrize(
+    ("columns", "right", "reversed_column"),
+    [
+        (("ay", "ax", "az"), '["ay", "ax", "az"]', ""),
+        (("az", "ax", "ay"), '["ay", "az", "ax"]', ""),
+        (("ax", "-ay", "az"), '["ax", "ay", "az"]', "ay"),
+    ],
+)
+def test_exchanged_or_reversed_columns_are_named_by_the_known_attitudes(
+    columns: tuple[str, ...], right: str, reversed_column: str, tmp_path: Path
+):
+    path = changed(tmp_path, "lab")
+    comment, head, *rows = (tmp_path / "lab.csv").read_text(encoding="utf-8").splitlines()
+    names = head.split(",")
+    cells = [dict(zip(names, row.split(","), strict=True)) for row in rows]
+    for row in cells:
+        # The logger wrote these columns under the names ax, ay and az.
+        read = [float(row[one.removeprefix("-")]) * (-1) ** one.startswith("-") for one in columns]
+        row |= dict(zip(("ax", "ay", "az"), map(repr, read), strict=True))
+    lines = [comment, head, *(",".join(row.values()) for row in cells)]
+    (tmp_path / "lab.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        calibrate(path)
+    assert (caught.value.key, caught.value.names) == ("[data] accelerometer", (right,))
+    _, _, signs = str(caught.value).partition(" and the sign of ")
+    assert signs.partition(" ")[0] == reversed_column
+
+
 def test_a_wrong_unit_of_the_rate_is_named_before_dwells_are_sought(tmp_path: Path):
     run = read(changed(tmp_path, "arm_run", ("turns = 10", "turns = 5")))
     write_recording(apply_data_columns(run, simulate(run, 0)), run.file(run.data.file))
@@ -468,3 +497,15 @@ def test_units_that_gravity_cannot_tell_apart_are_both_named(tmp_path: Path):
     after = str(caught.value).partition(" give ")[2]
     assert "[sensor.accelerometer]" in after
     assert "[bench] radius" in after
+
+
+def test_coefficients_that_the_attitudes_do_not_show_are_taken_out_of_the_key(tmp_path: Path):
+    method = 'name = "centrifuge_norm"'
+    with pytest.raises(NotObserved) as caught:
+        calibrate(changed(tmp_path, "lab", (method, f'{method}\nalso = ["arm", "k3"]')))
+    assert len(caught.value.names) == 4
+    advised = re.search(r"also = (\[.*?\])", str(caught.value))
+    assert advised is not None
+    added = calibrate(changed(tmp_path, "lab", (method, f"{method}\n{advised[0]}"))).calibration
+    assert {f"{a}.k3" for a in ("ax", "ay", "az")} < set(added.sensor.coefficients)
+    assert sum(".arm_" in name for name in added.sensor.coefficients) == 5

@@ -497,6 +497,13 @@ def test_k1_of_the_other_form_is_no_prior(tmp_path: Path):
         refused_run(run_file(tmp_path, more=more), refused_name)
 
 
+def test_a_recording_of_degrees_that_are_stated_as_radians_names_the_key(tmp_path: Path):
+    path = recorded(tmp_path)
+    text = path.read_text(encoding="utf-8").replace("[data]\n", '[data]\nangle_unit = "rad"\n')
+    path.write_text(text, encoding="utf-8")
+    refused_run(path, key="[data] angle_unit")
+
+
 def test_angles_in_rounded_radians_are_the_same_positions(tmp_path: Path):
     table = Table()
     table.write(tmp_path)
@@ -529,7 +536,7 @@ def test_a_row_that_stands_alone_is_named(tmp_path: Path, slip: str):
     notes = calibrate(run_file(tmp_path, column)).calibration.notes
     (line, *more) = [line for line in notes if "are the same position" in line]
     first = "210° forward" if slip == "a digit" else "180° forward"
-    assert line.startswith(first)
+    assert f" between {first} and " in line
     assert not more
     table.columns["read"][6] = 0.0
     table.columns["A"] = Table(3).columns["A"]
@@ -550,7 +557,7 @@ def test_a_position_brought_back_by_the_autocollimator_may_differ_as_stated(tmp_
         table.write(tmp_path)
         column = ('angle = "angle"', 'angle = "angle"\nautocollimator = "read"')
         notes = calibrate(run_file(tmp_path, column)).calibration.notes
-        assert any(line.startswith("180° forward and") for line in notes) == named
+        assert any(" between 180° forward and" in line for line in notes) == named
 
 
 def test_an_angle_that_is_no_number_is_refused(tmp_path: Path):

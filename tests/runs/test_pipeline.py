@@ -293,6 +293,18 @@ def test_a_table_of_means_that_cannot_be_used_is_refused(
     assert "\n" not in message
 
 
+@pytest.mark.parametrize(
+    ("cell", "what"), [("", "empty"), ("inf", "too large"), ("1e300", "1e+300")]
+)
+def test_a_mean_that_cannot_be_used_is_called_what_it_is(tmp_path: Path, cell: str, what: str):
+    (tmp_path / "log.csv").write_text(MEANS.replace("-1.0000", cell), encoding="utf-8")
+    with refused(InputError, names=("acc_z",)) as refusal:
+        calibrate(run_file(tmp_path, SIX_POSITIONS, *OF_MEANS))
+    said = str(refusal.value).partition("'acc_z'")[2]
+    assert what in said
+    assert ("too large" in said) != ("empty" in said)
+
+
 def test_means_without_a_stated_deviation_are_refused(tmp_path: Path):
     (tmp_path / "log.csv").write_text(MEANS, encoding="utf-8")
     changes = (

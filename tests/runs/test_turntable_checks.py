@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
-from math import degrees, radians
+from math import degrees, pi, radians
 
 import numpy as np
 import pytest
@@ -12,8 +12,9 @@ from tests.refusals import refused
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
+from inercal.benches.column_orders import SignedPermutation, signed_permutations
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.exchange_fits import SignedPermutation, signed_permutations
+from inercal.benches.turntable.reading.sample_checks import require_angle_unit
 from inercal.benches.turntable.reading.track_checks import ColumnNames, check_track
 from inercal.physics.sensors.catalogue import imu
 from inercal.recordings import Track
@@ -137,14 +138,39 @@ def test_a_different_imu_mounting_is_identified_by_both_triads():
 def test_degrees_and_radians_exchanged_are_detected_by_gravity(path: str):
     track = draw_first_device(path)
     said = check_message(replace(track, angles=np.degrees(track.angles)))
-    assert "[data] table: it is in °, read as rad" in said
+    assert "[data] table_unit: it is in °, read as rad" in said
     said = check_message(replace(track, angles=np.radians(track.angles)))
-    assert "[data] table: it is in rad, read as °" in said
+    assert "[data] table_unit: it is in rad, read as °" in said
     gyros = np.repeat([1.0, degrees(1)], 3)
     said = check_message(replace(track, reading=track.reading * gyros))
     assert "[data] gyro: it is in °/s, read as rad/s" in said
     said = check_message(replace(track, reading=track.reading / gyros))
     assert "[data] gyro: it is in rad/s, read as °/s" in said
+
+
+@pytest.mark.parametrize(
+    ("unit", "size", "start", "stop", "right"),
+    [
+        ("rad", 1.0, 0.0, 360.0, "°"),
+        ("″", pi / 648_000, -180.0, 180.0, "°"),
+        ("°", pi / 180, -pi, pi, "rad"),
+        ("deg", pi / 180, 0.0, 360.0, None),
+        ("rad", 1.0, 0.0, 2 * pi, None),
+        ("°", pi / 180, 0.0, 300.0, None),
+        ("rad", 1.0, 0.0, 720.0, None),
+    ],
+)
+def test_angles_that_start_again_after_a_whole_turn_show_their_unit(
+    unit: str, size: float, start: float, stop: float, right: str | None
+):
+    steady = np.linspace(start, stop, 500)
+    angles = np.stack([np.zeros(1000), np.concatenate([steady, steady])], axis=-1)
+    if right is None:
+        require_angle_unit("run.toml", angles, size, ("outer", "inner"))
+    else:
+        with refused(key="[data] table_unit", names=("inner",)) as refusal:
+            require_angle_unit("run.toml", angles, size, ("outer", "inner"))
+        assert f'table_unit = "{right}"' in str(refusal.value)
 
 
 @pytest.mark.parametrize("path", FITTED)

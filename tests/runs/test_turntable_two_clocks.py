@@ -273,7 +273,7 @@ def test_a_readback_of_another_motion_or_time_is_refused(
     ("change", "data"),
     [
         (lambda table: replace(table, data=0 * table.data), {"key": "[data] table"}),
-        (lambda table: replace(table, data=np.radians(table.data)), {"key": "[data] table"}),
+        (lambda table: replace(table, data=np.radians(table.data)), {"key": "[data] table_unit"}),
         (
             lambda table: replace(table, data=table.data[:, [1, 0, 2]]),
             {"names": ('[data] table = ["middle", "outer", "inner"]',)},

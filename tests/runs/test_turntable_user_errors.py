@@ -96,7 +96,8 @@ def test_gravity_that_disagrees_with_the_latitude_is_reported(
 ):
     run = write_changed_example(tmp_path, example_recording, ("9.80123 m/s²", "9.77123 m/s²"))
     said = find_warning(calibrate(run), "gravity")
-    assert said.startswith("gravity is stated as 9.77123 m/s²; normal gravity at 38° of latitude")
+    assert said.startswith("gravity 9.77123 does not fit latitude 38° (9.7")
+    assert "gravity is stated as 9.77123 m/s²; normal gravity at 38° of latitude" in said
 
 
 @pytest.mark.parametrize(

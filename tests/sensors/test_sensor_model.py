@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from tests.refusals import refused
 
-from inercal.basics.errors import NotInvertible
+from inercal.basics.errors import InputError, NotInvertible
 from inercal.methods.residuals import norm_residuals
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import (
@@ -22,6 +22,7 @@ from inercal.physics.sensors import (
     triad,
 )
 from inercal.physics.sensors.basis_functions import COMPONENTS
+from inercal.physics.sensors.coefficient_selection import select_coefficients
 
 UG, PPM = 1e-6 * G0, 1e-6
 rng = np.random.default_rng(1293)
@@ -272,3 +273,11 @@ def test_one_recording_inverts_under_many_trials_of_coefficients():
     together = inverse(sensor, y, c).f
     for k in range(4):
         assert_allclose(together[k], inverse(sensor, y, c[k]).f, rtol=1e-12, atol=1e-12)
+
+
+def test_auto_among_other_words_is_told_to_stand_alone():
+    with pytest.raises(InputError) as refusal:
+        select_coefficients(imu().axes, ["auto", "g"])
+    assert refusal.value.names == ("auto",)
+    assert 'also = "auto"' in str(refusal.value)
+    assert "k1_prime" not in str(refusal.value)

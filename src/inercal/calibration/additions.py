@@ -11,6 +11,8 @@ from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_words import coefficient_words
 from inercal.recordings import Finding
 
+_MOST_NAMED = 2  # most other causes that are named before the advice
+
 
 @dataclass(frozen=True)
 class Addition:
@@ -49,16 +51,19 @@ def additions_text(additions: Sequence[Addition], sensor: Sensor) -> str:
 
 def doubtful_additions(additions: Sequence[Addition]) -> tuple[Finding, ...]:
     """Return a warning for each addition if another cause would explain the residuals as well."""
-    return tuple(
-        Finding(
-            "warning",
-            "also",
-            f"{one.group} was added, but {' or '.join(one.indistinguishable)} would explain the "
-            "residuals as well; find out which one it is, and state it in the run file",
-        )
-        for one in additions
-        if one.indistinguishable
-    )
+    found: list[Finding] = []
+    for one in additions:
+        others = " or ".join(one.indistinguishable)
+        text = f"{one.group} was added, but {others} would explain the residuals as well"
+        if len(one.indistinguishable) > _MOST_NAMED:
+            count = f"{len(one.indistinguishable)} other causes"
+            text = (
+                f"{one.group} was added, but {count} would explain the residuals as well: {others}"
+            )
+        if others:
+            advice = "find out which one it is, and state it in the run file"
+            found.append(Finding("warning", "also", f"{text}; {advice}"))
+    return tuple(found)
 
 
 def _grouped(chi2: float) -> str:

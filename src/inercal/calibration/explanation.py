@@ -23,7 +23,9 @@ _OPERATOR_WORDS = re.compile(
     r"|\brun file|\binercal [a-z]"
 )
 _PARTS = re.compile(r"(?<=[;.:]) ")
-_LEAST = 20  # smallest number of characters of a shortened line
+_PAUSES = re.compile(r", (?!but |not |and |or )(?![^()]*\))")  # outside brackets
+_OPEN_BRACKET = re.compile(r" *\([^()]*$")
+_LEAST = 16  # smallest number of characters of a shortened line
 
 
 class ExplanationSection(NamedTuple):
@@ -34,13 +36,21 @@ class ExplanationSection(NamedTuple):
 
 
 def fit(text: str, most: int = MOST_CHARACTERS) -> str:
-    """Shorten a line to the permitted length, after a clause or else after a word."""
+    """Shorten a line to the permitted length: after a clause, else before a bracket or a comma.
+
+    A line without these is cut after a word, and ends with "…". No line ends within brackets.
+    """
     if len(text) <= most:
         return text
     ends = [one.start() for one in _PARTS.finditer(text) if _LEAST <= one.start() <= most]
     if ends:
         return text[: ends[-1]].rstrip(";:")
-    kept = text[: most - 1]
+    kept = _OPEN_BRACKET.sub("", text[: most - 1])
+    pauses = [one.start() for one in _PAUSES.finditer(kept) if one.start() >= _LEAST]
+    if len(kept) < most - 1 and len(kept) >= _LEAST:
+        return kept
+    if pauses:
+        return kept[: pauses[-1]]
     return f"{kept.rpartition(' ')[0] or kept}".rstrip(",;: ") + "…"
 
 

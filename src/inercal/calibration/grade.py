@@ -303,8 +303,12 @@ def grade_estimate(
         bad.append(f"the residuals are {times} times as large as noise and bench allow")
     bad += _large_means(assessment)
     if best is not None and best.shift > _MAX_SHIFT:
-        shifted = coefficient_words(sensor, best.shifted_coefficient)
-        bad.append(f"{_SHIFTED_BY[best.kind]} shifts the {shifted} by {two_digits(best.shift)} U")
+        words = coefficient_words(sensor, best.shifted_coefficient).partition(" (")[0]
+        full, brief = (
+            f"{_SHIFTED_BY[best.kind]} shifts {shifted} by {two_digits(best.shift)} U"
+            for shifted in (f"the {words}", best.shifted_coefficient)
+        )
+        bad.append(full if len(full) <= _MOST_REASON else brief)
     mild = [_test_reason(test.name) for test in assessment.rejecting_tests]
     if assessment.scores_reject and suspect is None:
         mild.append(NO_SINGLE_CAUSE)

@@ -113,7 +113,8 @@ def cause_line(assessment: Assessment, sensor: Sensor, expected: Mapping[str, Pa
     off = "off by " * (one.kind == "bench")
     size = f", {off}{text}" if (text := size_words(one, sensor)) else ""
     if assessment.suspect is not None:
-        return first_fit(*(f"Most likely cause: {words}{text}." for text in (size, "")))
+        brief = words if one.kind in ("row", "time") else f"{one.name}{size}"
+        return first_fit(*(f"Most likely cause: {text}." for text in (words + size, words, brief)))
     if one.chi2 < _LEAST_SHARE * (one.chi2 + one.remaining_chi2):
         return ""
     drop = f"; χ² {_chi2_drop(one)}"

@@ -4,6 +4,7 @@ The verdict has a few short lines. Its explanation contains all findings.
 """
 
 import re
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -125,6 +126,7 @@ class _Uncertainty(NamedTuple):
     group: str
     size: str
     unit: str
+    term: str
     source: str = ""
 
     def __str__(self) -> str:
@@ -204,7 +206,7 @@ def verdict(
             *scales,
         ),
         explanation.NEXT_STEPS: tuple(one.text for one in steps),
-        explanation.UNCERTAINTIES: tuple(f"{one.kind} {one.group}: {one}" for one in largest),
+        explanation.UNCERTAINTIES: _uncertainties_by_group(largest),
         explanation.UNDETECTABLE: undetectable,
         explanation.REMARKS: merge_messages(estimate.notes),
         explanation.CHECKS: merge_messages(told),
@@ -349,7 +351,8 @@ def _first_line(word: str, why: str) -> str:
     """Return the grade and its main reason; without what stands in brackets, if too long."""
     short = re.sub(r" \([^()]*\)", "", why)
     cut = fit(short, MOST_CHARACTERS - len(f"{word}: "))
-    return first_fit(f"{word}: {why}.", f"{word}: {short}.", f"{word}: {cut}")
+    end = "." * (not why.endswith("…"))
+    return first_fit(f"{word}: {why}{end}", f"{word}: {short}{end}", f"{word}: {cut}")
 
 
 def _next_line(steps: Sequence[_Step], warnings: Sequence[str]) -> str:
@@ -423,12 +426,21 @@ def _largest_uncertainties(
         if key not in groups or std > groups[key][0]:
             size = two_digits(COVERAGE * std / line.si)
             word = line.meaning if group == "temperature" else GROUP_WORDS.get(group, group)
-            groups[key] = std, k, _Uncertainty(kind, word, size, line.unit)
+            groups[key] = std, k, _Uncertainty(kind, word, size, line.unit, line.name)
     sources = _main_sources(estimate, expected, [k for _, k, _ in groups.values()])
     return [
         one._replace(source=source)
         for (_, _, one), source in zip(groups.values(), sources, strict=True)
     ]
+
+
+def _uncertainties_by_group(largest: Sequence[_Uncertainty]) -> tuple[str, ...]:
+    """Return a line for each group and unit, with the coefficient if a group has several units."""
+    units = Counter((one.kind, one.group) for one in largest)
+    return tuple(
+        f"{one.kind} {one.group}{f' ({one.term})' * (units[one.kind, one.group] > 1)}: {one}"
+        for one in largest
+    )
 
 
 def _main_sources(

@@ -231,7 +231,10 @@ def _worksheet_plan(run: "Run", out: Path | None, *, force: bool) -> tuple[_Plan
 
     files = {}
     if out is not None:
-        files = _output_files(out, run.input_files(), page=bool(run_sheet(run).boxes), force=force)
+        # With --force, the sheet may be written again although it is the run's own table.
+        sheet = run.file(run.data.file).resolve() if force else None
+        inputs = [path for path in run.input_files() if path.resolve() != sheet]
+        files = _output_files(out, inputs, page=bool(run_sheet(run).boxes), force=force)
     worksheet = build_worksheet(run)
     if files:
         write_text(files["sheet"], worksheet_csv(worksheet))

@@ -23,6 +23,7 @@ from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProb
 # singular value is not usable on any bench.
 _NOTHING = 1e-10
 _TERMS = 6  # most parameters that a direction in words lists
+_LISTED = 3  # most directions that a message lists
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,8 @@ def observability(system: WhitenedProblem, point: LinearisationPoint) -> Observa
             touched = {name for direction in free for name in direction.weights}
             raise NotObserved(
                 f"the data do not determine {format_count(len(words), 'combination')} of"
-                f" parameters: {'; '.join(words)}; remove parameters, or give a prior or a gauge",
+                f" parameters: {first_combinations(words)}; remove parameters, or give a prior or a"
+                " gauge",
                 words,
                 names=tuple(name for name in system.problem.names if name in touched),
             )
@@ -142,6 +144,17 @@ def _name_null_directions(problem: Problem, x: Array, null: Array) -> list[NullD
             null = svd(null - (null @ common.T) @ common, full_matrices=False)[2]
             null = null[: len(null) - len(common)]
     return directions + [named_direction(problem.wanted, w) for w in row_echelon_form(null)]
+
+
+def first_combinations(words: Sequence[str]) -> str:
+    """Return the first combinations of coefficients as one text, and the number of the others."""
+    more = len(words) - _LISTED
+    return "; ".join([*words[:_LISTED], *([f"and {more} more"] if more > 0 else [])])
+
+
+def undetermined_combinations(words: Sequence[str], units: str = "g and rad/s") -> str:
+    """Return the end of a message: the first undetermined combinations, in brackets."""
+    return f"(undetermined combinations, in units of {units}: {first_combinations(words)})"
 
 
 def row_echelon_form(rows: Array) -> Array:

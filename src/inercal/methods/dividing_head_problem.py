@@ -10,6 +10,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
+from inercal.basics.units import format_count
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
 from inercal.benches.dividing_head.bench import position_plan as on_head
 from inercal.benches.dividing_head.head_angles import READING_SCALE, sensor_angles
@@ -48,7 +49,8 @@ def plan(
     """
     if positions < MIN_POSITIONS:
         raise InputError(
-            f"{positions} positions are too few for a tumble test; give {MIN_POSITIONS} or more",
+            f"{format_count(positions, 'position')} {'is' if positions == 1 else 'are'} too few "
+            f"for a tumble test; give {MIN_POSITIONS} or more",
             key="positions",
         )
     repeats = (Index(f"w{k:02d}", 0.0, seconds=seconds) for k in range(1, warm_up + 1))

@@ -18,6 +18,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import NotObserved
 from inercal.basics.keys import CoefficientName
 from inercal.estimation import Estimate
+from inercal.estimation.nullspace import undetermined_combinations
 from inercal.methods import Priors
 from inercal.physics.plan import HandSteps, Hold, Turn
 from inercal.physics.sensors import Sensor
@@ -121,10 +122,10 @@ def not_observed_error(
             plain,
             names=named,
         )
+    remedy = "record what is missing" if missing else "add steps or check the stated uncertainties"
     return NotObserved(
-        f"these data do not determine {', '.join(named)} (undetermined combinations, in units "
-        f"of g and rad/s: {'; '.join(plain)}){steps_in_words(missing)}; record what is missing, "
-        "choose fewer coefficients, or give a prior",
+        f"these data do not determine {', '.join(named)}{steps_in_words(missing)}; {remedy}, "
+        f"choose fewer coefficients, or give a prior {undetermined_combinations(plain)}",
         plain,
         names=named,
     )

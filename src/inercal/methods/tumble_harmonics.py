@@ -17,6 +17,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError, NotObserved
+from inercal.estimation.nullspace import undetermined_combinations
 from inercal.methods.observability import direction_in_words
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0, Sensor
@@ -190,15 +191,14 @@ def not_observed_error(
     plain = tuple(words.partition(" (in units")[0] for words in directions)
     touched = {word for words in plain for word in words.replace("−", " ").split()} | set(names)
     named = tuple(name for name in sensor.coefficients if name in touched)
-    combinations = f"undetermined combinations, in units of g and rad: {'; '.join(plain)}"
-    free = f" ({combinations})" if plain else ""
+    free = f" {undetermined_combinations(plain, 'g and rad')}" if plain else ""
     folded = folded_harmonics(angle)
     n = len(distinct_angles(angle)[0])
     why = f". With {n} positions {'; '.join(folded)}; use 7 positions or more" if folded else ""
     also = ", or" if folded else ";"
     return NotObserved(
-        f"these positions do not determine {', '.join(named)}{free}{why}{also} choose fewer "
-        f"coefficients or {remedy}",
+        f"these positions do not determine {', '.join(named)}{why}{also} choose fewer "
+        f"coefficients or {remedy}{free}",
         plain,
         names=named,
     )

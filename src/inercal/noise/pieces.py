@@ -109,7 +109,8 @@ def split_at_gaps(recording: Recording) -> Pieces:
     where = f"{recording.source or 'recording'}: "
     if time.size < FEWEST:
         raise InputError(
-            f"{where}{time.size} samples are too few for a noise analysis; record {FEWEST} or more",
+            f"{where}{format_count(time.size, 'sample')} cannot show the noise; record "
+            f"{FEWEST} or more",
             file=recording.source or None,
         )
     steps = np.diff(time)

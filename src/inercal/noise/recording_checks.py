@@ -82,7 +82,8 @@ def check_rest_units(recording: Recording, gravity: float | None) -> tuple[str, 
         norm = norm_at_rest(lambda rows, group=group: _in_si(recording, rows, group), recording)
         if len(group) < _TRIAD and norm <= gravity:
             continue
-        finding = norm_finding(norm, gravity, rest_norm_text(norm, gravity))
+        text, unit = rest_norm_text(norm, gravity), recording.units[group[0]]
+        finding = norm_finding(norm, gravity, text, unit)
         if finding is None:
             continue
         if finding.severity == "refused":

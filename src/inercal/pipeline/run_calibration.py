@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from inercal.benches import Bench
 from inercal.calibration import Calibration
 from inercal.calibration.additions import additions_text, doubtful_additions
 from inercal.calibration.best_cause import also as also_change
+from inercal.calibration.best_cause import changes_text
 from inercal.calibration.check_standard import CHECK_STANDARD
 from inercal.calibration.verdict import verdict
 from inercal.estimation import Estimate
@@ -19,6 +20,7 @@ from inercal.methods import Fit
 from inercal.methods.solving import prepared
 from inercal.methods.temperature import temperature_coefficients
 from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_selection import select_coefficients
 from inercal.pipeline.added_coefficients import with_added_coefficients
 from inercal.pipeline.advisor import RunAdvisor, changed_run
 from inercal.pipeline.calibration_record import (
@@ -113,7 +115,8 @@ def _fitted(
             )
     except (InputError, NotObserved) as error:
         located = error.located(run.path)
-        located.args = (f"{located}{_possible_causes(inputs, sensor, zero_rates, error)}",)
+        causes = _possible_causes(inputs, sensor, zero_rates, error)
+        located.args = (f"{located}{_usable_also(run, error)}{causes}",)
         raise located from None
     estimate = with_common_errors(run, inputs, estimate)
     fit = Fit(
@@ -302,6 +305,22 @@ def _search_history(run: Run, generations: "Sequence[Generation]") -> "SearchHis
     from inercal.methods.ship_multi_angle.norm_equations import SearchHistory
 
     return SearchHistory(run.search.goal, tuple(generations))
+
+
+def _usable_also(run: Run, error: InercalError) -> str:
+    """Return the key `also` without the undetermined coefficients, if only it added them."""
+    stated = run.sections.get("method", {}).get("also")
+    if not isinstance(error, NotObserved) or not error.names or isinstance(stated, str | None):
+        return ""
+    free, kept = set(error.names), list[str]()
+    for word in cast(Sequence[str], stated):
+        added = select_coefficients(run.sensor.axes, (word,))
+        left = [name for name in added if name not in free]
+        kept += [word] if len(left) == len(added) else left
+        free -= set(added)
+    if free:
+        return ""
+    return f"; use {changes_text((also_change(kept),))}" if kept else "; remove [method] also"
 
 
 def _possible_causes(

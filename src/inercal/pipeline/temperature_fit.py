@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import ZERO_CELSIUS, format_quantity
+from inercal.calibration.suspect_text import chi2_text
 from inercal.calibration.verdict import WRONG_SOAK
 from inercal.estimation import Estimate
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL, chi2_tail_probability
@@ -126,8 +127,8 @@ class TemperatureFit:
         """Warnings about orders that are too low, and soaks that the other soaks do not predict."""
         if self.orders and self.ratio > _TOO_LOW:
             text = (
-                f"χ²/ν is {self.ratio:.3g}: the orders in temperature are too low for these "
-                'temperatures; state higher ones, or [method] temperature_order = "auto"'
+                f"the orders in temperature are too low: χ²/ν is {chi2_text(self.ratio)}; state "
+                'higher ones, or [method] temperature_order = "auto"'
             )
             return (Finding("warning", "temperature_order", text),)
         known = [one for one in self.left_out if one.components]
@@ -140,10 +141,10 @@ class TemperatureFit:
             return ()
         worst = max(bad, key=lambda one: one.ratio)
         text = (
-            f"the other soaks do not predict the soak at {worst.temperature - ZERO_CELSIUS:.1f} "
-            f"°C: the rms error is {worst.ratio:.2f} times its uncertainty; more than "
-            f"{LARGEST_PREDICTION_RATIO * _bound(worst):.2f} means that the order or the noise is "
-            "wrong"
+            f"the soak at {worst.temperature - ZERO_CELSIUS:.1f} °C is {worst.ratio:.2f} u (rms) "
+            "from what the others predict; more than "
+            f"{LARGEST_PREDICTION_RATIO * _bound(worst):.2f} u means that the order or the noise "
+            "is wrong"
         )
         return (Finding("refused" if wrong else "warning", "prediction", text),)
 

@@ -151,8 +151,9 @@ def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
         off = f"; the difference is {difference}" if height is not None else ""
         return (Finding("note", "gravity", both + off),)
     text = (
-        f"{both}: no gravity anomaly is that large, and the error affects the scale factors; "
-        "check [bench] gravity, latitude and height"
+        f"gravity {stated.value:.5f} does not fit latitude {degrees(place.value):.6g}° ("
+        f"{lowest - margin:.4f} to {normal + margin:.4f} m/s²): {both}; no gravity anomaly is that "
+        "large, and the error affects the scale factors; check [bench] gravity, latitude and height"
     )
     return (Finding("warning", "gravity", text),)
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _KEY = "[specification.limits]"
 _SIGNS = re.compile(r"\s*(±|\+ ?/? ?-)")
+_NEGATIVE = re.compile(_SIGNS.pattern + r"\s*[-−]")
 _COVERAGE = re.compile(r"k *=")
 _Limits = tuple[float, float]
 
@@ -163,6 +164,8 @@ def _parse_limits(text: str | tuple[str, str], unit: str) -> _Limits:
     else:
         if _COVERAGE.search(text):
             raise InputError(f"{text!r}: a limit does not need k; remove it")
+        if _NEGATIVE.match(text):
+            raise InputError(f"{text!r}: a limit after ± must be positive; remove the sign")
         middle = parse_quantity(f"0 {text}" if _SIGNS.match(text) else text, unit)
         if not middle.sd:
             raise InputError(

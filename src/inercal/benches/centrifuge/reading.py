@@ -18,6 +18,7 @@ from inercal.basics.units import format_quantity
 from inercal.benches.arm import fitting_arm_unit
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.centrifuge.settings import CentrifugeData
+from inercal.benches.column_orders import signed_permutations
 from inercal.physics.plan import Spin, arm_attitude
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Finding, Recording
@@ -32,6 +33,7 @@ _POSSIBLE = float(np.log(2.0))  # error of a scale factor that is no wrong unit
 _ALIKE = 0.03  # difference of two units' errors that decides nothing
 _CLEAR = 0.5  # ratio of the scatter of norms in two units that decides
 _LEAST = 1e-9  # m/s², instead of a norm of zero
+_MISORDERED, _ORDERED = 0.3, 0.1  # relative differences from the forces at the known attitudes
 _TURNING = 0.1  # of the fastest rate: samples below this show gravity at most
 
 
@@ -105,12 +107,45 @@ def _refusal(
         f"{labels[k] if labels else 'a sample'}: the norm of the readings is {norm:.4g} m/s², but "
         f"gravity, [bench] radius and the rate give {expected:.4g} m/s²"
     )
-    finding = norm_finding(norm, expected, text)
+    finding = norm_finding(norm, expected, text, run.sensor.select_axes("f").axes[0].readout.unit)
     if finding is None or finding.severity != "refused":
         return None
     if left < _AGREES and alike and spread > _CLEAR * of_rates:
         return replace(finding, message=f"{finding.message}; or {unit.text} ({unit.key})")
     return finding
+
+
+def _require_order(run: RunBase[CentrifugeData], bench: Centrifuge, inputs: EstimatorInput) -> None:
+    """Refuse columns that only agree with the known attitudes in another order or with other signs.
+
+    Raises
+    ------
+    InputError
+        The message and `names` contain the columns to state.
+    """
+    sensor = run.sensor.select_axes("f")
+    steps = [step for step in inputs.steps if isinstance(step, Spin)]
+    expected = bench.mean_motion(steps, {}).motion.f @ sensor.input_axes("f").T
+    read = inputs.observations.mean[:, : len(sensor.axes)]
+    off = {
+        way: float(np.linalg.norm(way.reorder(read) - expected) / np.linalg.norm(expected))
+        for way in signed_permutations(len(sensor.axes))
+    }
+    stated, way = next(iter(off.values())), min(off, key=lambda one: off[one])
+    if stated > _MISORDERED and off[way] < _ORDERED:
+        named, back = tuple(map(str, run.data.accelerometer)), ""
+        if run.data.kind == "means" and min(way.signs) < 0:  # a table has no reversed columns
+            signed = zip(way.order, way.signs, strict=True)
+            back = f" and the sign of {', '.join(named[k] for k, s in signed if s < 0)} reversed"
+            way = way._replace(signs=(1,) * len(named))
+        columns = way.signed_names(named)
+        raise key_error(
+            "[data] accelerometer",
+            "the readings contradict the attitudes; they agree with accelerometer = "
+            f"{columns}{back}",
+            run.path,
+            (columns,),
+        )
 
 
 _HARMONICS = 2  # harmonics of a reading quadratic in the motion; a cubic reading has a third
@@ -154,6 +189,8 @@ def observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
         )
     result = _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
     refusal = norm_refusal(run, bench, result)
+    if known and bench.platform == "locked":
+        _require_order(run, bench, result)
     return replace(
         result,
         findings=result.findings + recording_loader.require_not_refused(run.data.file, refusal),

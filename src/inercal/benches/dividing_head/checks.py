@@ -165,8 +165,8 @@ def repeat_visit_warnings(
                     Finding(
                         "warning",
                         "passes",
-                        f"{steps[j].label} and {steps[k].label} are the same position, but "
-                        f"{channel} differs by {_format_in_g(size)}, whereas differences at other "
+                        f"{channel} differs by {_format_in_g(size)} between {steps[j].label} and "
+                        f"{steps[k].label}, which are the same position; differences at other "
                         f"positions are about {_format_in_g(limit)}; check these two rows",
                         channel,
                     )

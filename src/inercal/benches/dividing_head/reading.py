@@ -149,6 +149,8 @@ def _recording(run: RunBase[DividingHeadData]) -> EstimatorInput:
     found = run.data.marks == "found"
     marks = find_rests(recording, run.sensor).marks if found else stated_marks(run, recording)
     check_marks(marks, recording, [mark.label for mark in marks])
+    starts = [mark.start for mark in marks]
+    _require_unit(run, recording.readback["angle"][starts])
     means = {
         name: np.array([values[mark.start : mark.stop].mean() for mark in marks])
         for name, values in readback.items()

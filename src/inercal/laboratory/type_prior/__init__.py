@@ -271,7 +271,7 @@ def type_prior(
     members = find_members(chosen, each_axis)
     if len(members) < LEAST_SENSORS:
         raise InputError(
-            f"{format_count(len(members), 'sensor')} are too few to estimate how much sensors of a "
+            f"{format_count(len(members), 'sensor')} cannot show how much sensors of a "
             f"type differ; give the calibrations of {LEAST_SENSORS} or more sensors",
             key="FILE",
         )

@@ -51,10 +51,10 @@ _MAD_FACTOR = 1.4826  # standard deviation per median of |u|
 
 
 _REPAIR_WORDS = {
-    "sign": "sign of",
-    "exchange": "exchange of",
-    "decimal": "decimal point of",
-    "digit": "digit of",
+    "sign": "changing the sign of",
+    "exchange": "exchanging",
+    "decimal": "moving the decimal point of",
+    "digit": "changing the digit of",
 }
 
 
@@ -67,10 +67,10 @@ class Repair:
     after: dict[str, float]
 
     def describe(self) -> str:
-        """Return a description such as "the sign of az (0.743943 → −0.743943)"."""
+        """Return a description such as "changing the sign of az (0.743943 → −0.743943)"."""
         names = " and ".join(self.before)
         pairs = [f"{self.before[a]:.9g} → {self.after[a]:.9g}" for a in self.before]
-        return f"the {_REPAIR_WORDS[self.kind]} {names} ({', '.join(pairs)})".replace("-", "−")
+        return f"{_REPAIR_WORDS[self.kind]} {names} ({', '.join(pairs)})".replace("-", "−")
 
 
 @dataclass(frozen=True)
@@ -102,10 +102,10 @@ class SuspectRow:
         if not self.repairs:
             return f"{text}; no single change corrects it"
         if len(self.repairs) > _MAX_LISTED_REPAIRS:
-            kind = _REPAIR_WORDS[self.repairs[0].kind].removesuffix(" of")
+            kind = self.repairs[0].kind.replace("decimal", "decimal point")
             return f"{text}; {len(self.repairs)} changes of a single {kind} would correct it"
         repairs = " or ".join(repair.describe() for repair in self.repairs)
-        return f"{text}; changing {repairs} would correct it"
+        return f"{text}; {repairs} would correct it"
 
 
 def screen_rows(

@@ -23,7 +23,7 @@ import scipy
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import format_count
-from inercal.estimation.nullspace import named_direction, row_echelon_form
+from inercal.estimation.nullspace import first_combinations, named_direction, row_echelon_form
 from inercal.methods.magnetic_field.records import (
     Directions,
     FieldConditions,
@@ -260,7 +260,7 @@ def _not_observed(names: list[str], null: Array, *, moving: bool) -> NotObserved
         cause, remedy = "the motion does not", "turn the sensor about all of its axes"
     return NotObserved(
         f"{cause} determine {format_count(len(words), 'combination')} of the magnetometer's"
-        f" coefficients: {'; '.join(words)}; {remedy}",
+        f" coefficients: {first_combinations(words)}; {remedy}",
         words,
         names=tuple(name for name in names if any(name in one.weights for one in directions)),
     )

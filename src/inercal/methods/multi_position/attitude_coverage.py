@@ -27,6 +27,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.hand.bench import tangent_vectors
+from inercal.estimation.nullspace import undetermined_combinations
 from inercal.methods import Priors
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model
@@ -231,9 +232,9 @@ def require_coverage(rests: Rests, priors: Priors) -> None:
         max_attitudes=max(a + 3 - len(ups), 4),  # the missing rests, but at least 4
     )
     raise NotObserved(
-        f"these data do not determine {', '.join(named)} (undetermined combinations, in units of "
-        f"g and rad/s: {'; '.join(words)}): "
-        f"{_coverage_gaps(rests, ups)}; add: {attitudes_in_words(more)}",
+        f"these data do not determine {', '.join(named)}: "
+        f"{_coverage_gaps(rests, ups)}; add: {attitudes_in_words(more)} "
+        f"{undetermined_combinations(words)}",
         words,
         names=named,
     )

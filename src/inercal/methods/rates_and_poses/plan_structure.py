@@ -15,7 +15,7 @@ from inercal.basics.errors import NotObserved
 from inercal.basics.keys import CoefficientName
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import PlatformSteps, RateDwell
-from inercal.estimation.nullspace import row_echelon_form
+from inercal.estimation.nullspace import row_echelon_form, undetermined_combinations
 from inercal.methods import Priors, temperature
 from inercal.methods.observability import direction_in_words
 from inercal.physics.motion import Motion
@@ -68,9 +68,9 @@ def require_determined(
     touched = tuple(names[k] for k in np.flatnonzero(large.any(axis=0)).tolist())
     words = tuple(direction_in_words(row, names) for row in weights)
     raise NotObserved(
-        f"these steps do not determine {', '.join(touched)} (undetermined combinations, in "
-        f"units of g and rad/s: {'; '.join(words)}); {_remedy(touched, sensor, steps)}choose "
-        "fewer coefficients, or give a prior",
+        f"these steps do not determine {', '.join(touched)}; "
+        f"{_remedy(touched, sensor, steps)}choose fewer coefficients, or give a prior "
+        f"{undetermined_combinations(words)}",
         words,
         names=touched,
     )

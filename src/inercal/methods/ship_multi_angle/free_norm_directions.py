@@ -28,6 +28,7 @@ from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.estimation import NullDirection
+from inercal.estimation.nullspace import first_combinations
 from inercal.methods import Priors
 from inercal.methods.observability import OBSERVABILITY_LIMIT, direction_in_words
 from inercal.methods.ship_multi_angle.norm_equations import (
@@ -216,8 +217,8 @@ def require_convergence(
     if blind:
         raise NotObserved(
             f"the norms of these {len(groups)} tilted states do not determine "
-            f"{'; '.join(blind)}, so the damped iteration does not converge; add tilts of a "
-            "second kind, such as XY 135 + 45, or use estimator joint",
+            f"{first_combinations(blind)}, so the damped iteration does not converge; add "
+            "tilts of a second kind, such as XY 135 + 45, or use estimator joint",
             blind,
         )
 
@@ -237,8 +238,8 @@ def _start_from_priors(
         if sensor.frame == "mount":
             others = "priors on all twelve coefficients"
         raise NotObserved(
-            f"these norms do not determine {'; '.join(words)}; add the untilted states XY, YX "
-            f"and ZY, or {others}, or use estimator joint",
+            f"these norms do not determine {first_combinations(words)}; add the untilted states "
+            f"XY, YX and ZY, or {others}, or use estimator joint",
             words,
             names=without,
         )

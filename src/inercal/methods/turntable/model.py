@@ -22,7 +22,7 @@ from inercal.benches.turntable.attitude import (
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS, MIN_REST_SECONDS
 from inercal.estimation import NullDirection
-from inercal.estimation.nullspace import row_echelon_form
+from inercal.estimation.nullspace import row_echelon_form, undetermined_combinations
 from inercal.methods import Priors, temperature
 from inercal.methods.observability import direction_in_words
 from inercal.methods.turntable.drift import NO_DRIFT, Drift, drift_model
@@ -231,9 +231,9 @@ def require_decided(part: TriadModel, covariance: Array, what: str) -> None:
         words = tuple(direction.words for direction in free)
         touched = {word for text in words for word in text.split()}
         raise NotObserved(
-            f"the run determines only {p - len(free)} of {p} coefficients of the {what} "
-            f"(undetermined combinations, in units of g and rad/s: {'; '.join(words)}); turn about "
-            "each axis with continuous readback, hold more attitudes, or give priors",
+            f"the run determines only {p - len(free)} of {p} coefficients of the {what}; "
+            "turn about each axis with continuous readback, hold more attitudes, or give priors "
+            f"{undetermined_combinations(words)}",
             words,
             names=tuple(name for name in part.sensor.coefficients if name in touched),
         )

@@ -13,6 +13,7 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.estimation import Estimate, Gaussian
 from inercal.estimation.kernel_options import compile_beside
 from inercal.estimation.lazy_value import LazyValue
+from inercal.estimation.nullspace import first_combinations
 from inercal.estimation.scores import NO_SCORE_TESTS
 from inercal.methods import Priors, temperature
 from inercal.methods.turntable import model
@@ -245,7 +246,7 @@ def _prior_share_note(one: filter_tests.FilterResult) -> str:
     return (
         f"{one.course.name}: up to {100 * share:.2g} % of the information on these directions "
         "comes from the assumed sizes of coefficients and not from the run (in units of g and "
-        f"rad/s): {'; '.join(direction.words for direction in found)}"
+        f"rad/s): {first_combinations([direction.words for direction in found])}"
     )
 
 

@@ -81,7 +81,9 @@ def _unknown_word_error(axes: Sequence[Axis], word: str) -> InputError:
     groups = [*dict.fromkeys(c.group for c in lines), *["nonorthogonality"] * triad]
     axis, term = CoefficientName(word).parts
     near = get_close_matches(term, dict.fromkeys([*short, *groups]), n=2)
-    if axis and axis not in {one.name for one in axes}:
+    if word == "auto":
+        advice = 'write also = "auto", without a list and without other words'
+    elif axis and axis not in {one.name for one in axes}:
         advice = f"the axes are {', '.join(one.name for one in axes)}"
     elif near and near[0] != term:
         advice = f"did you mean {' or '.join(near)}?"

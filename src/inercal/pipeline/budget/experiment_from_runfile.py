@@ -82,8 +82,8 @@ def _mean_variance(stated: Mapping[str, float], axis: Axis, seconds: float) -> f
         return stated[axis.measures] ** 2
     if not axis.noise.white:
         raise InputError(
-            f"[sensor.{kind}] white is missing: a budget needs it; state it, or the standard "
-            f"deviation of a mean, [data.sd] {kind}",
+            f"[sensor.{kind}] white is missing: the uncertainties of a plan or budget need it; "
+            f"state it, or the standard deviation of a mean, [data.sd] {kind}",
             key=f"[sensor.{kind}] white",
         )
     if not seconds:

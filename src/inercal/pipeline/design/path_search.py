@@ -16,7 +16,7 @@ from math import exp, inf, log, radians
 import numpy as np
 
 from inercal.basics.errors import InputError, NotObserved
-from inercal.benches.turntable import Turntable, require_turntable
+from inercal.benches.turntable import Turntable, is_turntable
 from inercal.benches.turntable.paths import quarter_turn_path, systematic_path
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.physics.plan import Position, TableStep
@@ -77,7 +77,13 @@ def search_path(
     NotObserved
         If no path determines all coefficients.
     """
-    bench = require_turntable(run)
+    if not is_turntable(run.bench):
+        raise InputError(
+            f"--optimise: a bench of kind {run.kind.name} has no path; only paths for method "
+            "systematic on a three-axis table can be optimised",
+            key="--optimise",
+        )
+    bench = run.bench
     if not run.method.without_angles or len(bench.names) != len("xyz"):
         raise InputError(
             f"--optimise: method {run.method.name} on a table with axes {bench.axes}: only paths "

@@ -321,7 +321,11 @@ def _draft(
             for kind, readout in readouts.items()
             for entry in (*readout_keys(kind, readout), *noise.get(kind, ()))
         ),
-        *(rate_bench_keys(roles) if at_rates else bench_keys(bench, candidates[0][1], radius)),
+        *(
+            rate_bench_keys(roles)
+            if at_rates or roles.rates
+            else bench_keys(bench, candidates[0][1], radius)
+        ),
         *data_keys(logs, path, table, roles, bench, values),
         *(
             magnetometer_keys(table, roles, rests, values)
@@ -359,7 +363,7 @@ def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, s
 
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
     """Return the methods that may fit, and refuse columns that suit no method."""
-    if "table_rate" in roles.single or rests_in_ramp(roles):
+    if "table_rate" in roles.single or roles.rates or rests_in_ramp(roles):
         return candidate_methods(roles)
     if roles.triads.get("accelerometer") == ():
         raise InputError(

@@ -101,6 +101,8 @@ class ColumnRoles:
         with the same columns, or the path of a file of marks; empty if it is not needed.
     parts : tuple of (start, stop)
         Samples of each of these files, or of each mark.
+    rates : tuple of float
+        Rate of a table in each of these files, rad/s, if their names state it; 0 for a rest.
     """
 
     triads: Mapping[str, tuple[str, ...]]
@@ -113,6 +115,7 @@ class ColumnRoles:
     means: bool = False
     marks: str = ""
     parts: tuple[tuple[int, int], ...] = ()
+    rates: tuple[float, ...] = ()
 
     def because(self, reasons: Mapping[str, str], **changes: Any) -> "ColumnRoles":
         """Return the roles with further reasons and other changes."""
@@ -171,6 +174,7 @@ def recognise_columns(
     if reader in _LOGS:
         units = {kind: unit for kind, unit in _SI.items() if kind in triads}
     left = [name for name in free if role_of_name(name) is None and not is_other_quantity(name)]
+    left = [name for name in left if not counts_rows(table, name)]
     if "accelerometer" not in triads and left and single.keys() & {"angle", "arm_rate"}:
         axes = left[:3] if has_axes(left[:3]) else left[:2]
         rate = single.get("arm_rate")

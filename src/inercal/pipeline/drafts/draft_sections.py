@@ -116,6 +116,8 @@ def find_rest_means(
         return QuietMeans(np.array([[0, len(data)]]), data[:1, :0], data.mean(axis=0)[None]), ()
     if roles.marks == "labels":
         spans = np.array(roles.parts)
+        if 0.0 in roles.rates:
+            spans = spans[np.equal(roles.rates, 0.0)]
         return rest_means(spans, readings["accelerometer"], readings.get("gyro")), ()
     spans = np.array(roles.parts if roles.marks not in ("", "found") else ())
     if "label" in roles.single and "time" in roles.single:
@@ -372,7 +374,10 @@ def facts(
         spans = rests.spans
         samples = int((spans[:, 1] - spans[:, 0]).sum())
         count = format_count(len(spans), "section")
-        facts.append(f"{count} at rest, {samples} of {table.rows} samples")
+        turning = format_count(np.count_nonzero(roles.rates), "section")
+        facts += [f"{turning} at the rates that their names state"] * bool(roles.rates)
+        if 0.0 in roles.rates or not roles.rates:
+            facts.append(f"{count} at rest, {samples} of {table.rows} samples")
     every = list(np.hstack(list(readings.values())).T)
     for kind, data in readings.items():
         facts.append(f"{kind}s read {data.min():.6g} to {data.max():.6g}")

@@ -5,7 +5,7 @@ of its name or of the name of its folder, in place of the star.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -79,8 +79,22 @@ def join_parts(
         scatter = [part.std(axis=0).max() for part in np.split(force, edges)]
         still = max(scatter) <= _STILL * np.ptp(force, axis=0).max()
         marks = "labels" if still and len(files) >= _FEWEST_POSES else "found"
-    roles = replace(roles, single=single, marks=marks, parts=spans)
+    rates = _stated_rates(labelled) if "gyro" in roles.triads else ()
+    marks = "labels" if rates else marks
+    roles = replace(roles, single=single, marks=marks, parts=spans, rates=rates)
     return pattern, table, roles
+
+
+def _stated_rates(labels: Iterable[str]) -> tuple[float, ...]:
+    """Return the rates that labels such as "x_+30" and "x_rest" state; empty if none does."""
+    from inercal.benches.rate_platform.sections import Pose, step_of_label
+
+    try:
+        steps = [step_of_label(label, 1.0) for label in labels]
+    except InputError:
+        return ()
+    rates = tuple(0.0 if isinstance(step, Pose) else step.rate for step in steps)
+    return rates if any(rates) else ()
 
 
 def _one_after_the_other(times: Sequence[np.ndarray]) -> np.ndarray:

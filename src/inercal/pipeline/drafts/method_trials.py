@@ -85,7 +85,7 @@ def candidate_methods(roles: ColumnRoles, *, heated: bool = False) -> tuple[Cand
     gyros = "gyro" in roles.triads
     if roles.table:
         return (("turntable", "turntable_kalman", AUTO),)
-    if "table_rate" in roles.single:
+    if "table_rate" in roles.single or roles.rates:
         # If only the axis of a single gyro was up, its misalignments are not determined.
         own_axis = {"coefficients": ["bias", "scale"]} | AUTO
         keys: list[dict[str, Any]] = [dict(AUTO), {}]

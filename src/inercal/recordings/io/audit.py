@@ -351,6 +351,7 @@ def channel_findings(
             )
     else:
         railed = repeated_values.out_of_range(x, *limits)
+        why = "; correct full_scale if its range is larger"
     findings: list[Finding] = []
     for start, stop in repeated_values.merge_ranges(railed, _NEAR_S * recording.rate_hz):
         text = f"{channel} is at the end of its range {_span_text(recording, start, stop)}{why}"

@@ -9,6 +9,7 @@ from the table. The user states one value for all rows, or adds columns with the
 import csv
 import os
 from collections.abc import Callable, Mapping, Sequence
+from math import isnan
 from pathlib import Path
 
 import numpy as np
@@ -272,14 +273,13 @@ def number_column(path: Path, table: Table, name: str, remedy: str) -> Array:
     """
     for k, cell in enumerate(table.columns[name].tolist()):
         try:
-            if abs(float(cell)) < TOO_LARGE:
+            number = float(cell)
+            if abs(number) < TOO_LARGE:
                 continue
-            word = False
+            what = " is empty or not a number" if isnan(number) else f" is {number:g}, too large"
         except ValueError:
             word = bool(cell.strip())
-        what = (
-            f": {shorten(cell)!r} is not a number" if word else " is empty, not finite or too large"
-        )
+            what = f": {shorten(cell)!r} is not a number" if word else " is empty"
         raise InputError(
             f"{path} {table.place(k)}: column {name!r}{what}; {remedy} or remove the row",
             file=path,

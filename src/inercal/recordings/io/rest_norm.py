@@ -39,9 +39,10 @@ UNIT_CONFUSIONS = {
 """For each ratio of the norm to its true value: the columns' apparent unit, the stated unit."""
 
 _NEAR = 1.25  # factor within which a confusion is recognised; the ratios differ by much more
+_SAME = 1.015  # factor that tells a scale per m/s² from one that is 10 times too large
 
 
-def norm_finding(norm: float, expected: float, text: str) -> Finding | None:
+def norm_finding(norm: float, expected: float, text: str, unit: str = "SI") -> Finding | None:
     """Return a finding if the norm of accelerometer readings differs from the expected norm.
 
     Parameters
@@ -50,6 +51,8 @@ def norm_finding(norm: float, expected: float, text: str) -> Finding | None:
         Measured and expected norm, m/s².
     text : str
         Beginning of the message, which states both norms in words.
+    unit : str
+        Stated unit of the columns. "SI" means that it is not known.
 
     Returns
     -------
@@ -62,8 +65,18 @@ def norm_finding(norm: float, expected: float, text: str) -> Finding | None:
         return None
     if _POSSIBLE[0] <= ratio <= _POSSIBLE[1]:
         return Finding("warning", "units", f"{text}: check the nominal scale")
-    near = (units for r, units in UNIT_CONFUSIONS.items() if 1 / _NEAR < ratio / r < _NEAR)
-    if (units := next(near, None)) is None:
+    near = (
+        units
+        for r, units in UNIT_CONFUSIONS.items()
+        if 1 / _NEAR < ratio / r < _NEAR and unit in ("SI", units[1])
+    )
+    if unit not in ("SI", *(stated for _, stated in UNIT_CONFUSIONS.values())):
+        size = f"{ratio:.3g} times too small" if ratio > 1 else f"{1 / ratio:.3g} times too large"
+        advice = f"check the scale in [sensor.accelerometer], which is about {size}"
+        wrong, right = ("g", "m/s²") if ratio > 1 else ("m/s²", "g")
+        if 1 / _SAME < max(ratio, 1 / ratio) / G0 < _SAME:
+            advice += f"; it may be stated per {wrong} instead of per {right}"
+    elif (units := next(near, None)) is None:
         advice = "check the units and the nominal scale of the columns in [sensor.accelerometer]"
     else:
         advice = (
@@ -96,7 +109,8 @@ def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Rec
         return accelerometers.to_si(recording.data[rows][:, columns]) @ to_force
 
     norm = norm_at_rest(sensed, recording)
-    finding = norm_finding(norm, gravity, rest_norm_text(norm, gravity))
+    unit = accelerometers.axes[0].readout.unit
+    finding = norm_finding(norm, gravity, rest_norm_text(norm, gravity), unit)
     if finding is None:
         return recording
     return recording.with_findings((*recording.findings, finding))
@@ -119,7 +133,8 @@ def rest_mean_finding(means: Array, sensor: Sensor, gravity: float) -> Finding |
         return None
     force = means[:, columns] @ np.linalg.pinv(sensor.input_axes("f")).T
     norm = float(median_of_rows(np.linalg.norm(force, axis=-1)))
-    return norm_finding(norm, gravity, rest_norm_text(norm, gravity))
+    unit = sensor.axes[columns[0]].readout.unit
+    return norm_finding(norm, gravity, rest_norm_text(norm, gravity), unit)
 
 
 def rest_norm_text(norm: float, gravity: float) -> str:

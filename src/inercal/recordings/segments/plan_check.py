@@ -196,7 +196,8 @@ def _check_components(
         return ()
     size = float(np.median(np.abs(read[along] / expected[along])))
     text = f"along gravity, the accelerometers read {size * gravity:.4g} m/s² where gravity is "
-    finding = norm_finding(size * gravity, gravity, f"{text}{gravity:.5g} m/s²")
+    unit = sensor.axes[forces[0]].readout.unit
+    finding = norm_finding(size * gravity, gravity, f"{text}{gravity:.5g} m/s²", unit)
     if finding is not None and finding.severity == "refused":
         raise InputError(finding.message, key="[sensor.accelerometer] unit")
     off = np.abs(read / size - expected)

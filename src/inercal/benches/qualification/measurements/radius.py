@@ -25,7 +25,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import Measured
+from inercal.basics.units import Measured, format_count
 from inercal.benches.qualification.linear_fit import (
     LinearFit,
     MeasuredParameters,
@@ -114,7 +114,8 @@ def radius_by_sensor(
     speeds = len(np.unique(np.round(np.abs(rate), 6)))
     if stretch and speeds < _FEWEST:
         raise InputError(
-            f"{speeds} speeds are too few for the stretch of the arm; measure at three or more",
+            f"{format_count(speeds, 'speed')} cannot show the stretch of the arm; measure at "
+            "three or more",
             key="[measurement] file",
         )
     if sensor.k2 is None:

@@ -13,14 +13,18 @@ than 100.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import permutations, product
-from json import dumps
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
+from inercal.benches.column_orders import (
+    SignedPermutation,
+    identity_permutation,
+    signed_permutations,
+)
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.bench import Turntable
 from inercal.physics.sensors import G0, Sensor
@@ -32,42 +36,6 @@ _BLOCK = 0.1  # s
 _MOST = 4000  # blocks; more of them add no information
 _MISFIT, _SOUND = 0.05, 0.1
 _LEAST = {"w": np.radians(1), "f": 0.05 * G0}  # smallest change of the readings, rad/s or m/s²
-
-
-class SignedPermutation(NamedTuple):
-    """Another order of columns, each with a sign: new[i] = signs[i] · old[order[i]]."""
-
-    order: tuple[int, ...]
-    signs: tuple[int, ...]
-
-    @property
-    def is_identity(self) -> bool:
-        """Whether order and signs are unchanged."""
-        return self.order == tuple(range(len(self.order))) and min(self.signs) > 0
-
-    def reorder(self, columns: Array) -> Array:
-        """Return the columns (..., k) in this order with these signs."""
-        return columns[..., list(self.order)] * np.array(self.signs, dtype=float)
-
-    def signed_names(self, names: tuple[str, ...]) -> str:
-        """Return the names of the columns in this order, with signs as in a run file."""
-        each = (
-            names[k] if sign > 0 else names[k][1:] if names[k].startswith("-") else f"-{names[k]}"
-            for k, sign in zip(self.order, self.signs, strict=True)
-        )
-        return dumps(list(each), ensure_ascii=False)
-
-
-def identity_permutation(k: int) -> SignedPermutation:
-    """Return the permutation that leaves k columns unchanged."""
-    return SignedPermutation(tuple(range(k)), (1,) * k)
-
-
-def signed_permutations(k: int) -> tuple[SignedPermutation, ...]:
-    """Return all orders and signs of k columns, starting with the identity."""
-    return tuple(
-        SignedPermutation(o, s) for o in permutations(range(k)) for s in product((1, -1), repeat=k)
-    )
 
 
 def _column_exchanges(k: int) -> tuple[SignedPermutation, ...]:

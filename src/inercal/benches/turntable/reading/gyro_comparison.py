@@ -93,19 +93,19 @@ class ReadbackDifference(NamedTuple):
         if self.kind == "delay":
             late = "later" if self.size > 0 else "earlier"
             return (
-                f"{window} the readback is {late} than the gyros by {abs(self.size) * 1e3:.3g} ms "
-                "more than before: the controller's clock has changed, or readings are late"
+                f"the readback is {abs(self.size) * 1e3:.3g} ms {late} than the gyros compared "
+                f"with before, {window}: the controller's clock has changed, or readings are late"
             )
         if self.kind == "noise":
             return (
-                f"{window} the readback scatters by {degrees(self.size):.2g}° relative to the "
-                "gyros, which is more than its stated noise"
+                f"the readback scatters by {degrees(self.size):.2g}° relative to the gyros, "
+                f"{window}; this is more than its stated noise"
             )
         what, unit = ("jumps", "°") if self.kind == "step" else ("drifts", " °/s")
         when = f"at {self.start:.1f} s" if self.kind == "step" else window
         return (
-            f"{when} the readback of axis {names[self.axis]} {what} relative to the gyros by "
-            f"{degrees(abs(self.size)):.2g}{unit}"
+            f"the readback of axis {names[self.axis]} {what} by "
+            f"{degrees(abs(self.size)):.2g}{unit} relative to the gyros, {when}"
         )
 
 

@@ -6,7 +6,7 @@ checks all of these would look like a wrong unit or an exchanged column.
 """
 
 from collections.abc import Sequence
-from math import degrees, radians
+from math import degrees, pi, radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ _FLAT = 0.3  # s in total during which gyros stay at one value while the table t
 _ALONE = {"f": 0.3 * G0, "w": radians(5)}  # a spike exceeds both neighbours by this, and
 _SIGMAS = 30.0  # by this many times the usual second difference
 _JUMP = radians(10)  # a jump of the readback exceeds both neighbours by this
+_WHOLE_TURNS = {"°": 360.0, "rad": 2 * pi, "″": 1_296_000.0}
+_RESTART = 0.99  # part of a whole turn that the angle jumps where it starts again
 _REPEATED = 0.6  # fraction of the steps while the table turns
 _NORMAL = 1.4826
 _NAMED = 3  # most spikes that are named
@@ -61,6 +63,39 @@ def require_range(where: str, recording: Recording, track: Track, sensor: Sensor
                 "range",
                 names=(name,),
             )
+
+
+def require_angle_unit(where: str, raw: Array, size: float, names: Sequence[str]) -> None:
+    """Refuse angles that start again after a whole turn in another unit than the stated one.
+
+    Parameters
+    ----------
+    where : str
+        Start of error messages.
+    raw : (n, k) array
+        Readback in the stated unit.
+    size : float
+        Size of the stated unit, rad.
+    names : sequence of k str
+        Names of the readback's columns.
+
+    Raises
+    ------
+    InputError
+        From one sample to the next, a column jumps from one end of its range to the other, and its
+        range is a whole turn in another unit. The message names this unit.
+    """
+    for name, column in zip(names, raw.T, strict=True):
+        span, jump = float(np.ptp(column)), float(np.abs(np.diff(column)).max(initial=0.0))
+        for unit, turn in _WHOLE_TURNS.items():
+            stated = _RESTART < turn * size / (2 * pi) < 1 / _RESTART
+            if not stated and _RESTART * turn < jump <= span < turn / _RESTART:
+                raise InputError(
+                    f"{where}: [data] table_unit: {name} starts again after {turn:.4g}, which is "
+                    f'a whole turn in {unit}; state table_unit = "{unit}"',
+                    key="[data] table_unit",
+                    names=(name,),
+                )
 
 
 def require_readback(where: str, recording: Recording, angles: Array, names: Sequence[str]) -> None:

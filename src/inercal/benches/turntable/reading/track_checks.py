@@ -14,6 +14,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_duration, format_quantity
+from inercal.benches.column_orders import identity_permutation
 from inercal.benches.turntable.attitude import motion, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.exchange_fits import (
@@ -23,7 +24,6 @@ from inercal.benches.turntable.reading.exchange_fits import (
     alternative_axis_orders,
     block_means,
     find_exchanges,
-    identity_permutation,
     moments,
 )
 from inercal.benches.turntable.reading.host_readback import Interruption, are_interrupted
@@ -205,13 +205,15 @@ def _require_rate_ratio(
         f"{describe_sampling(made.time, made.step)}"
     )
     gyros = f"[data] gyro: {_describe_unit_error(times, '°/s', 'rad/s') or scales}"
-    table = f"[data] table: {_describe_unit_error(1 / times, '°', 'rad') or 'check its unit'}"
+    unit = _describe_unit_error(1 / times, "°", "rad")
+    key = "[data] table_unit" if unit else "[data] table"
+    table = f"{key}: {unit or 'check its unit'}"
     if gravity_fits(1.0):
         text += f", and gravity agrees with the readback: {gyros}"
         raise InputError(text, key="[data] gyro")
     if gravity_fits(times):
         text += f", and gravity agrees with the gyros: {table}"
-        raise InputError(text, key="[data] table")
+        raise InputError(text, key=key)
     raise InputError(f"{text}: either {gyros}; or {table}")
 
 

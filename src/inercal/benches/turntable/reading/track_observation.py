@@ -50,6 +50,7 @@ from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import (
     load_recording,
     readback_columns,
+    readback_units,
     require_distinct_columns,
 )
 from inercal.recordings.segments import average_sections
@@ -97,6 +98,8 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
     angles = np.stack([recording.readback[name] for name in bench.names], axis=-1)
     named = tuple(readback_columns(run)[name] for name in bench.names)
     if read.clock is None:
+        size = abs(readback_units(run)[bench.names[0]])
+        sample_checks.require_angle_unit(str(run.path), angles / size, size, named)
         sample_checks.require_readback(str(run.path), recording, angles, named)
     if HOLD_COLUMN in recording.readback:
         holds = _numbered_holds(run, recording)
