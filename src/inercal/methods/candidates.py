@@ -37,6 +37,7 @@ _ROUNDING_LIMIT = 1e-12
 # Readings of an autocollimator may be in mrad instead of ″.
 _LARGEST_ANGLES = {"azimuth": np.pi, "latitude": np.pi / 2, "autocollimator scale": 300.0}
 _LARGEST_HARMONIC = 0.01
+PRIOR_OF = "prior of "  # start of the name of a candidate, before the coefficient
 _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 
 
@@ -170,7 +171,7 @@ def candidate_function(
             *candidates_from_columns(
                 larger.observations, sensor, names, declared, column, families
             ),
-            *prior_candidates(sensor, priors, column),
+            *prior_candidates(sensor, names, priors, column),
             *common_error_candidates(declared, column, common_errors),
             *(() if time is None else drift_candidates(larger.observations, sensor, time, column)),
         ]
@@ -296,18 +297,25 @@ def common_error_candidates(
     return result
 
 
-def prior_candidates(sensor: Sensor, priors: Priors, column: Columns) -> list[Candidate]:
+def prior_candidates(
+    sensor: Sensor, names: Sequence[str], priors: Priors, column: Columns
+) -> list[Candidate]:
     """Return the priors of coefficients as candidates, by kind and one by one.
 
-    Each column omits the row of its prior, so only the data determine the coefficient.
+    Each column omits the row of its prior, so only the data determine the coefficient. If a prior
+    is wrong by δ, the coefficient differs from the value that agrees with the prior, also by δ.
+    Its shift is therefore J⁺c δ − δ. `names` are the parameters of the problem.
     """
     kinds: dict[str, list[Column]] = {}
     for prior in priors:
         for full, sd in zip(prior.names, np.sqrt(np.diagonal(prior.covariance)), strict=True):
             known = coefficient_column(sensor, full, column[full])
-            known = known._replace(name=f"prior of {full}", stated_sd=sd)
-            kinds.setdefault(f"prior of {CoefficientName(full).term}", []).append(known)
-    return together_and_alone("bench", kinds.items())
+            known = known._replace(name=f"{PRIOR_OF}{full}", stated_sd=sd)
+            kinds.setdefault(f"{PRIOR_OF}{CoefficientName(full).term}", []).append(known)
+    return [
+        replace(one, moved=-np.equal.outer(names, [n.removeprefix(PRIOR_OF) for n in one.components]).astype(float))
+        for one in together_and_alone("bench", kinds.items())
+    ]
 
 
 def unit_scale(parameter: Parameter) -> float:
