@@ -30,6 +30,7 @@ from inercal.benches import Hand
 from inercal.estimation import Estimate
 from inercal.estimation.residual_scatter import LEAST_RATIO
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
+from inercal.methods.candidates import with_tests_of_priors
 from inercal.methods.magnetic_field import Directions, FieldConditions, FieldNodes, Links, fit_field
 from inercal.methods.magnetic_field.stage import (
     DELAY_SD,
@@ -143,6 +144,7 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
         found, correction=change, cross=found.cross[:, : g + 1], known_covariance=posterior
     )
     refined = replace(fit.estimate, value=start + change[:g], covariance=posterior[:g, :g])
+    refined = with_tests_of_priors(refined, gyros, fit.priors)
     estimate = joined(refined, found, g)
     return estimate, field_remarks(estimate, found, STATED_NOISE * (ratio > LEAST_RATIO))
 

@@ -22,6 +22,7 @@ from inercal.benches.turntable.still_table import StillTable
 from inercal.estimation import Estimate, ModelTest
 from inercal.estimation.innovations import group_innovations, mean_and_whiteness_tests
 from inercal.methods import PartialEstimate, Priors
+from inercal.methods.candidates import with_tests_of_priors
 from inercal.methods.systematic.alignment import attitudes_at, determines_azimuth
 from inercal.methods.systematic.coefficient_rules import require_turns
 from inercal.methods.systematic.generalised_least_squares import LAG
@@ -95,7 +96,8 @@ def solve_by_filter(
             np.diagonal(found.covariance)[: p + 1]
         )
         converged = bool(np.abs(step).max() < _SMALL_STEP)
-    return _estimate(made, model, start, converged, passes)
+    estimate = _estimate(made, model, start, converged, passes)
+    return with_tests_of_priors(estimate, sensor, priors)
 
 
 def _attitudes(model: FilterModel, segments: Segments, c: Array) -> Array:
