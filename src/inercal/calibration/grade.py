@@ -32,6 +32,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from inercal.basics.keys import PRIOR_OF
 from inercal.basics.run_file_advice import Advice
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration.additions import Addition
@@ -303,7 +304,8 @@ def grade_estimate(
     bad += _large_means(assessment)
     if best is not None and best.shift > _MAX_SHIFT:
         shifted = coefficient_words(sensor, best.shifted_coefficient)
-        bad.append(f"{_SHIFTED_BY[best.kind]} shifts the {shifted} by {two_digits(best.shift)} U")
+        cause = "a wrong prior" if best.name.startswith(PRIOR_OF) else _SHIFTED_BY[best.kind]
+        bad.append(f"{cause} shifts the {shifted} by {two_digits(best.shift)} U")
     mild = [_test_reason(test.name) for test in assessment.rejecting_tests]
     if assessment.scores_reject and suspect is None:
         mild.append("no single cause explains the residuals")
@@ -311,7 +313,10 @@ def grade_estimate(
         named = row_words(suspect.place) if suspect.kind == "row" else suspect.name
         if suspect.kind == "coefficient":
             named = coefficient_words(sensor, suspect.name, suspect.components)
-        mild.append(f"the residuals point to {named}")
+        if suspect.name.startswith(PRIOR_OF):
+            mild.append(f"the data contradict the {suspect.name}")
+        else:
+            mild.append(f"the residuals point to {named}")
     mild += _finding_reasons(findings, "warning")
     if not assessment.tests and not estimate.score_tests.scores:
         mild.append("this estimator does not test how well the data agree with the model")

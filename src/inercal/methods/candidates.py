@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array, Bools
-from inercal.basics.keys import CoefficientName, ErrorName, ObservationName
+from inercal.basics.keys import PRIOR_OF, CoefficientName, ErrorName, ObservationName
 from inercal.basics.parameters import Parameter
 from inercal.estimation import Candidate, Estimate, Problem, ScoreTestSet, score_tests
 from inercal.estimation.candidate_scores import rows_from_products
@@ -41,7 +41,6 @@ _LEAST_INFORMATION = 1e-6
 # Readings of an autocollimator may be in mrad instead of ″.
 _LARGEST_ANGLES = {"azimuth": np.pi, "latitude": np.pi / 2, "autocollimator scale": 300.0}
 _LARGEST_HARMONIC = 0.01
-PRIOR_OF = "prior of "  # start of the name of a candidate, before the coefficient
 _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 
 

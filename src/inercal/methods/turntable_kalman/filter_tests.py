@@ -134,9 +134,7 @@ def _initial_sensitivity(made: AnyFilter, some: ConstantColumns) -> Array:
     return start
 
 
-def _prior_columns(
-    made: AnyFilter, priors: Priors
-) -> tuple[tuple[ConstantColumn, ...], Array]:
+def _prior_columns(made: AnyFilter, priors: Priors) -> tuple[tuple[ConstantColumn, ...], Array]:
     """Return the priors of the filter's coefficients as columns, and U at the start, (n, c).
 
     With the covariance P₀ before the data, a prior N(μ, S) that is wrong by δ has shifted the
