@@ -21,9 +21,7 @@ import numpy as np
 from inercal.basics.arrays import Array, Bools
 from inercal.basics.keys import PRIOR_OF, CoefficientName, ErrorName, ObservationName
 from inercal.basics.parameters import Parameter
-from inercal.estimation import Candidate, Estimate, Problem, ScoreTestSet, score_tests
-from inercal.estimation.candidate_scores import rows_from_products
-from inercal.estimation.lazy_value import LazyValue
+from inercal.estimation import Candidate, Problem
 from inercal.estimation.scores import CandidateKind, of_all_trials
 from inercal.methods import Priors
 from inercal.physics.quantities import QUANTITIES
@@ -35,8 +33,6 @@ from inercal.physics.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE, TA
 _SHARED_SCOPES = ("run", "speed", "mounting", "pass")
 # SI per SI unit: the rounding error of an effect that cancels over whole turns
 _ROUNDING_LIMIT = 1e-12
-# Share of a prior's information; with less from the data, rounding would decide a test of the prior
-_LEAST_INFORMATION = 1e-6
 # rad: somebody may mistake north for south or east; harmonics of an encoder are always small.
 # Readings of an autocollimator may be in mrad instead of ″.
 _LARGEST_ANGLES = {"azimuth": np.pi, "latitude": np.pi / 2, "autocollimator scale": 300.0}
@@ -326,37 +322,6 @@ def prior_candidates(
         replace(one, moved=-np.equal.outer(known, one.components).astype(float))
         for one in together_and_alone("bench", kinds.items())
     ]
-
-
-def with_tests_of_priors(estimate: Estimate, sensor: Sensor, priors: Priors) -> Estimate:
-    """Return an estimate that has no score tests, such as from a filter, with those of priors.
-
-    With the prior N(μ, S), and the estimate x̂ with covariance P, the products of
-    `rows_from_products` are S⁻¹ − S⁻¹ P S⁻¹ and S⁻¹ (x̂ − μ). A prior that is wrong by δ shifts
-    the estimate by −P S⁻¹ δ.
-    """
-    if not priors:
-        return estimate
-    roots, targets = zip(*(prior.rows(estimate.names) for prior in priors), strict=True)
-    root = np.concatenate(roots)
-    inverse, moved = root.T @ root, estimate.covariance @ root.T @ root
-    gram = inverse - inverse @ moved
-    decided = np.diagonal(gram) < _LEAST_INFORMATION * np.diagonal(inverse)  # by the priors
-    gram[decided], gram[:, decided] = 0.0, 0.0
-    product = root.T @ (root @ estimate.value - np.concatenate(targets))
-    residual, rows = rows_from_products(gram, np.where(decided, 0.0, product))
-    column = dict(zip(estimate.names, rows.T, strict=True))
-    found = [
-        replace(one, moved=moved @ one.moved)
-        for one in prior_candidates(sensor, estimate.names, priors, column)
-        if one.moved is not None
-    ]
-
-    def tested() -> ScoreTestSet:
-        scores = score_tests(residual, np.zeros((len(residual), 0)), found)
-        return replace(scores, chi2=float(estimate.chi2), dof=estimate.dof)
-
-    return replace(estimate, scoring=LazyValue(tested))
 
 
 def unit_scale(parameter: Parameter) -> float:

@@ -30,7 +30,6 @@ from inercal.benches import Hand
 from inercal.estimation import Estimate
 from inercal.estimation.residual_scatter import LEAST_RATIO
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
-from inercal.methods.candidates import with_tests_of_priors
 from inercal.methods.magnetic_field import Directions, FieldConditions, FieldNodes, Links, fit_field
 from inercal.methods.magnetic_field.stage import (
     DELAY_SD,
@@ -42,6 +41,7 @@ from inercal.methods.magnetic_field.stage import (
 )
 from inercal.methods.multi_position.attitude_coverage import hand_held_plan
 from inercal.methods.multi_position.rest_links import BetweenNodes, between_nodes
+from inercal.methods.tests_of_priors import with_tests_of_priors
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.frames import exp_so3
 from inercal.physics.sensors import Sensor
