@@ -143,6 +143,21 @@ def test_each_mistake_is_named(seed: int, mistake: str):
     assert (found.agree, found.unique, found.changes) == (False, True, changes)
 
 
+@pytest.mark.parametrize("scale", [0.3, 0.5, 2.0])
+def test_a_scale_that_no_usable_gyro_has_is_found(scale: float):
+    time, data, rests = held(1)
+    found = judged(time, changed(data, np.eye(3), scale * np.eye(3)), rests)
+    assert (found.agree, found.unique, found.clear) == (False, True, True)
+    (change,) = found.changes
+    assert float(change.split()[-1]) == pytest.approx(1 / scale, rel=0.06)
+
+
+@pytest.mark.parametrize("scale", [0.75, 1.3])
+def test_a_scale_that_can_be_calibrated_is_not_refused(scale: float):
+    time, data, rests = held(1)
+    assert judged(time, changed(data, np.eye(3), scale * np.eye(3)), rests).agree is not False
+
+
 @pytest.mark.parametrize("both", [EXCHANGED, np.diag([1, -1, 1])], ids=["exchanged", "reversed"])
 def test_left_handed_axes_are_found(both: Array):
     time, data, rests = held(4)

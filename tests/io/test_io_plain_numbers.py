@@ -9,7 +9,7 @@ import pytest
 
 from inercal.basics.errors import InputError
 from inercal.recordings.io import plain_numbers, text
-from inercal.recordings.io.column_table import ReadRequest, Table
+from inercal.recordings.io.column_table import ReadRequest, Table, shorten
 from inercal.recordings.io.text_scan import LONGEST_LINE, scan
 
 Read = Callable[[Path, ReadRequest], Table]
@@ -187,3 +187,11 @@ def test_the_line_that_is_too_long_is_named_whatever_the_blocks(
     with pytest.raises(InputError, match="line 4: more than 9 bytes"):
         scan(path)
     assert LONGEST_LINE == 1_000_000
+
+
+@pytest.mark.parametrize("length", range(8, 24))
+def test_a_shortened_text_ends_with_an_ellipsis_wherever_it_is_cut(length: int):
+    cut = shorten("gx.bias, gx.scale, gx.delta_o", length)
+    assert len(cut) <= length
+    assert cut.endswith("…")
+    assert shorten("gx.bias", length) == "gx.bias"

@@ -6,6 +6,7 @@ sorts like any string. Only this module splits these strings into parts.
 
 from typing import Self
 
+PRIOR_OF = "prior of "  # start of the name of a coefficient's prior
 _COMPONENTS = ("x", "y", "z", "1", "2")
 
 

@@ -32,6 +32,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from inercal.basics.keys import PRIOR_OF
 from inercal.basics.run_file_advice import Advice
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration.additions import Addition
@@ -304,8 +305,9 @@ def grade_estimate(
     bad += _large_means(assessment)
     if best is not None and best.shift > _MAX_SHIFT:
         words = coefficient_words(sensor, best.shifted_coefficient).partition(" (")[0]
+        cause = "a wrong prior" if best.name.startswith(PRIOR_OF) else _SHIFTED_BY[best.kind]
         full, brief = (
-            f"{_SHIFTED_BY[best.kind]} shifts {shifted} by {two_digits(best.shift)} U"
+            f"{cause} shifts {shifted} by {two_digits(best.shift)} U"
             for shifted in (f"the {words}", best.shifted_coefficient)
         )
         bad.append(full if len(full) <= _MOST_REASON else brief)
@@ -316,7 +318,10 @@ def grade_estimate(
         named = row_words(suspect.place) if suspect.kind == "row" else suspect.name
         if suspect.kind == "coefficient":
             named = coefficient_words(sensor, suspect.name, suspect.components)
-        mild.append(f"the residuals point to {named}")
+        if suspect.name.startswith(PRIOR_OF):
+            mild.append(f"the data contradict the {suspect.name}")
+        else:
+            mild.append(f"the residuals point to {named}")
     mild += _finding_reasons(findings, "warning")
     if not assessment.tests and not estimate.score_tests.scores:
         mild.append("this estimator does not test how well the data agree with the model")

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from inercal.basics.keys import ErrorName
+from inercal.basics.keys import PRIOR_OF, ErrorName
 from inercal.basics.parameters import Parameter
 from inercal.basics.units import (
     format_count,
@@ -35,7 +35,6 @@ _MAX_LISTED = 6  # largest number of candidates in a line
 _LEAST_SHARE = 0.1  # smallest share of χ² that a partial cause must explain
 _SMALL_CHI2 = 100.0  # below this, a decimal is shown
 _SWITCH_UNITS = ("",)  # of a cause that is true or not, without a size
-_PRIOR_PREFIX = "prior of "  # followed by the coefficient
 
 
 def p_value_text(p: float) -> str:
@@ -63,8 +62,8 @@ def cause_words(
     """Describe a candidate, with its run-file key in brackets if there is one."""
     if kind == "coefficient":
         return coefficient_words(sensor, name, components)
-    if kind == "bench" and name.startswith(_PRIOR_PREFIX):
-        full, *own = (one.removeprefix(_PRIOR_PREFIX) for one in (name, *components))
+    if kind == "bench" and name.startswith(PRIOR_OF):
+        full, *own = (one.removeprefix(PRIOR_OF) for one in (name, *components))
         return f"the prior of the {coefficient_words(sensor, full, own)}"
     if kind == "bench":
         return bench_words(name, components, expected)
@@ -90,8 +89,8 @@ def size_words(one: SuspectedCause, sensor: Sensor) -> str:
     if one.kind == "row" or one.units == _SWITCH_UNITS or not np.isfinite(sizes).any():
         return ""
     k = int(np.nanargmax(sizes))
-    full = one.components[k].removeprefix(_PRIOR_PREFIX)
-    kind = "coefficient" if one.components[k].startswith(_PRIOR_PREFIX) else one.kind
+    full = one.components[k].removeprefix(PRIOR_OF)
+    kind = "coefficient" if one.components[k].startswith(PRIOR_OF) else one.kind
     size = format_component(sensor, kind, full, one.sizes[k], one.sds[k], one.units[k])
     return size if len(sizes) == 1 else f"up to {_without_deviation(size)}"
 
@@ -150,7 +149,7 @@ def suspect_lines(
         ("" if alone else f"{name.removeprefix(f'{one.name}, ')} ")
         + f"{format_component(sensor, one.kind, name, size, sd, unit)}{how}"
         for name, size, sd, unit in zip(one.components, one.sizes, one.sds, one.units, strict=True)
-        if np.isfinite(size) and unit and one.kind != "row" and not name.startswith(_PRIOR_PREFIX)
+        if np.isfinite(size) and unit and one.kind != "row" and not name.startswith(PRIOR_OF)
     ]
     lines = [
         f"{first} would explain the residuals (p {p_value_text(one.adjusted)}, corrected for the "
@@ -158,7 +157,7 @@ def suspect_lines(
     ]
     if one.kind == "bench" and one.units != _SWITCH_UNITS:
         lines.append(_stated_text(one, expected))
-    if one.name.startswith(_PRIOR_PREFIX):
+    if one.name.startswith(PRIOR_OF):
         lines.append(f"The data depart from it by {size_words(one, sensor)}.")
     if parts:
         lines.append(f"Its size would be {'; '.join(parts)} (k = 1).")

@@ -198,6 +198,8 @@ def _score_tests(
     nonzero: Bools = np.asarray(np.any(columns != 0.0, axis=(0, -1)))
     acting = [np.flatnonzero(row) for row in nonzero]
     shares = s[..., 0] / np.maximum(longest, 1e-300)
+    if some[0].moved is not None:  # the estimate does not absorb what it takes from a prior
+        shares = np.ones_like(shares)
     numbers = np.sum(t**2, axis=-1), shown.sum(axis=-1), shares
     chi2, dof, share = (one.tolist() for one in numbers)
     least_size = size * unit

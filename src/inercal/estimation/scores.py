@@ -276,7 +276,8 @@ class ScoreTest:
     largest, stated_sds, changes, is_switch
         Attributes of the candidate.
     visible_share : float
-        Largest share of the candidate's column that the fit leaves to the residuals.
+        Largest share of the candidate's column that the fit leaves to the residuals; 1 if `moved`
+        is given.
     least_size : (k,) array, optional
         The smallest component sizes that explain as much, SI, including components that the data do
         not determine.

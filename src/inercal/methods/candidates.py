@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array, Bools
-from inercal.basics.keys import CoefficientName, ErrorName, ObservationName
+from inercal.basics.keys import PRIOR_OF, CoefficientName, ErrorName, ObservationName
 from inercal.basics.parameters import Parameter
 from inercal.estimation import Candidate, Problem
 from inercal.estimation.scores import CandidateKind, of_all_trials
@@ -176,7 +176,7 @@ def candidate_function(
             *candidates_from_columns(
                 larger.observations, sensor, names, declared, column, families
             ),
-            *prior_candidates(sensor, priors, column),
+            *prior_candidates(sensor, names, priors, column),
             *common_error_candidates(declared, column, common_errors),
             *(() if time is None else drift_candidates(larger.observations, sensor, time, column)),
         ]
@@ -302,18 +302,32 @@ def common_error_candidates(
     return result
 
 
-def prior_candidates(sensor: Sensor, priors: Priors, column: Columns) -> list[Candidate]:
+def prior_column(sensor: Sensor, full: str, sd: float, rows: Array) -> Column:
+    """Return the column of a coefficient's prior, which may be wrong by many deviations."""
+    known = coefficient_column(sensor, full, rows)
+    largest = max(sensor.coefficient(full).largest, 10 * sd)
+    return known._replace(name=f"{PRIOR_OF}{full}", largest=largest, stated_sd=sd)
+
+
+def prior_candidates(
+    sensor: Sensor, names: Sequence[str], priors: Priors, column: Columns
+) -> list[Candidate]:
     """Return the priors of coefficients as candidates, by kind and one by one.
 
-    Each column omits the row of its prior, so only the data determine the coefficient.
+    Each column omits the row of its prior, so only the data determine the coefficient. If a prior
+    is wrong by δ, the coefficient differs from the value that agrees with the prior, also by δ.
+    Its shift is therefore J⁺c δ − δ. `names` are the parameters of the problem.
     """
     kinds: dict[str, list[Column]] = {}
     for prior in priors:
         for full, sd in zip(prior.names, np.sqrt(np.diagonal(prior.covariance)), strict=True):
-            known = coefficient_column(sensor, full, column[full])
-            known = known._replace(name=f"prior of {full}", stated_sd=sd)
-            kinds.setdefault(f"prior of {CoefficientName(full).term}", []).append(known)
-    return together_and_alone("bench", kinds.items())
+            kind = f"{PRIOR_OF}{CoefficientName(full).term}"
+            kinds.setdefault(kind, []).append(prior_column(sensor, full, sd, column[full]))
+    known = [f"{PRIOR_OF}{name}" for name in names]
+    return [
+        replace(one, moved=-np.equal.outer(known, one.components).astype(float))
+        for one in together_and_alone("bench", kinds.items())
+    ]
 
 
 def unit_scale(parameter: Parameter) -> float:

@@ -41,6 +41,7 @@ from inercal.methods.magnetic_field.stage import (
 )
 from inercal.methods.multi_position.attitude_coverage import hand_held_plan
 from inercal.methods.multi_position.rest_links import BetweenNodes, between_nodes
+from inercal.methods.tests_of_priors import with_tests_of_priors
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.frames import exp_so3
 from inercal.physics.sensors import Sensor
@@ -143,6 +144,7 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
         found, correction=change, cross=found.cross[:, : g + 1], known_covariance=posterior
     )
     refined = replace(fit.estimate, value=start + change[:g], covariance=posterior[:g, :g])
+    refined = with_tests_of_priors(refined, gyros, fit.priors)
     estimate = joined(refined, found, g)
     return estimate, field_remarks(estimate, found, STATED_NOISE * (ratio > LEAST_RATIO))
 

@@ -14,7 +14,7 @@ from math import ceil, floor, log10, radians
 import numpy as np
 
 from inercal.basics.errors import InercalError, InputError
-from inercal.basics.keys import CoefficientName, ErrorName
+from inercal.basics.keys import PRIOR_OF, CoefficientName, ErrorName
 from inercal.basics.run_file_advice import Advice, Change, with_changes
 from inercal.basics.units import Measured, format_value_and_uncertainty, si_factor
 from inercal.benches.key_declarations import declarations
@@ -26,7 +26,6 @@ from inercal.runfile import Run, from_sections
 _ENOUGH = 0.9  # least fraction of the expected decrease of χ²
 _SAME = 1.0  # values of χ² with a smaller difference count as equal
 _WRONG_LATITUDE = radians(30)
-_PRIOR = "prior of "  # start of the name of a coefficient's prior
 _HARMONIC = re.compile(r"(?:sin|cos)(\d+)")
 # Keys of parameters that the bench does not declare.
 _KEYS = {"g": "gravity", "earth_up": "latitude", "index": "indexing", "rate": "rate_error"}
@@ -168,7 +167,7 @@ class RunAdvisor:
         sizes: dict[str, tuple[str, float]] = {}
         stated = self._run.sections.get("bench", {})
         harmonics = list(stated.get("harmonics", ("1 ″", "1 ″")))
-        if cause.components[0].startswith(_PRIOR):
+        if cause.components[0].startswith(PRIOR_OF):
             return self._of_priors(cause)
         # The data may not determine all components, but only, for example, a sum over sections. The
         # smallest sizes of k components with equal deviation then have only d directions.
@@ -209,7 +208,7 @@ class RunAdvisor:
             means |= dict(zip(prior.names, prior.mean.tolist(), strict=True))
         changes: list[Change] = []
         for name, size in zip(cause.components, cause.sizes, strict=True):
-            full = name.removeprefix(_PRIOR)
+            full = name.removeprefix(PRIOR_OF)
             line = sensor.coefficient(full)
             text = f"{means[full] / line.si:.9g} ± {_rounded_up(abs(size) / line.si)} {line.unit}"
             changes.append(Change("method.prior", full, text))

@@ -160,7 +160,7 @@ def g_squared_problem(
             *candidates.candidates_from_columns(
                 observations.labels, larger, sensor.coefficients, declared, column, families
             ),
-            *candidates.prior_candidates(sensor, priors, column),
+            *candidates.prior_candidates(sensor, sensor.coefficients, priors, column),
         ]
 
     return Problem(

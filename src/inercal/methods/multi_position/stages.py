@@ -17,6 +17,7 @@ near the last solution.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from inercal.estimation import (
     least_squares,
 )
 from inercal.methods import Priors
+from inercal.methods.candidates import prior_candidates
 from inercal.methods.multi_position import row_whitening
 from inercal.methods.multi_position.rest_candidates import (
     candidates,
@@ -208,7 +210,9 @@ def _fit(
         moved = x.copy()
         moved[free] = part
         rows = rests.rows(moved, started)
-        for one in candidates(rests, rows, moved):
+        column = dict(zip(rests.sensor.coefficients, rows.jacobian.T, strict=False))
+        of_priors = prior_candidates(rests.sensor, chosen, stated, column)
+        for one in chain(of_priors, candidates(rests, rows, moved)):
             white = whiten(one.rows)
             if changed is not None:
                 white = np.concatenate([white, changed.added_columns(one)])
@@ -220,8 +224,8 @@ def _fit(
 
     places: list[int] = free.tolist()
     chosen = tuple(names[k] for k in places)
-    known = [marginal for prior in priors if (marginal := prior.marginal(chosen)) is not None]
-    known += [
+    stated = [marginal for prior in priors if (marginal := prior.marginal(chosen)) is not None]
+    known = stated + [
         Gaussian.independent((name,), quantity.value, quantity.sd)
         for name, quantity in zip(KNOWN_QUANTITIES, rests.known_quantities, strict=True)
         if name in chosen

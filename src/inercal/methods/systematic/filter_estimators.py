@@ -42,6 +42,7 @@ from inercal.methods.systematic.segments import (
     require_imu,
     segments_of_track,
 )
+from inercal.methods.tests_of_priors import with_tests_of_priors
 from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import GAP_FACTOR, Track, join_tracks
@@ -95,7 +96,8 @@ def solve_by_filter(
             np.diagonal(found.covariance)[: p + 1]
         )
         converged = bool(np.abs(step).max() < _SMALL_STEP)
-    return _estimate(made, model, start, converged, passes)
+    estimate = _estimate(made, model, start, converged, passes)
+    return with_tests_of_priors(estimate, sensor, priors)
 
 
 def _attitudes(model: FilterModel, segments: Segments, c: Array) -> Array:

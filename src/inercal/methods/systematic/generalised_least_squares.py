@@ -18,7 +18,11 @@ from inercal.estimation.fitting import estimate_at_solution
 from inercal.estimation.nullspace import observability
 from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem
 from inercal.methods import Priors
-from inercal.methods.candidates import candidates_from_columns, extended_sensor
+from inercal.methods.candidates import (
+    candidates_from_columns,
+    extended_sensor,
+    prior_candidates,
+)
 from inercal.methods.systematic.alignment import attitudes_at, initial_attitudes
 from inercal.methods.systematic.coefficient_rules import require_turns
 from inercal.methods.systematic.navigation import ImuModel
@@ -127,7 +131,15 @@ def solve(segments: Segments, sensor: Sensor, known: StillTable, priors: Priors 
             wanted=sensor.coefficients,
             observations=rows.labels,
             correlated=True,
-            candidates=lambda x: omitted_coefficients(rows, filled(x), declared),
+            candidates=lambda x: [
+                *omitted_coefficients(rows, filled(x), declared),
+                *prior_candidates(
+                    sensor,
+                    [names[k] for k in free],
+                    priors,
+                    dict(zip(names, rows.linearise(filled(x))[1].T, strict=True)),
+                ),
+            ],
         )
 
     covariance = rows.covariance(whole)

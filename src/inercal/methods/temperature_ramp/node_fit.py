@@ -23,6 +23,7 @@ from inercal.estimation import Estimate
 from inercal.methods import Priors
 from inercal.methods.temperature_ramp.ramp_fit import LAG, RampModel, solve_ramp
 from inercal.methods.temperature_ramp.thermometer_steps import is_one_exponential
+from inercal.methods.tests_of_priors import with_tests_of_priors
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.recordings.environment import Environment
 
@@ -88,9 +89,8 @@ def _fit(model: RampModel, priors: Priors, environment: Environment, lag: float)
     linearise = NodeProblem(model).linearise
     estimate = solve_ramp(model, priors, environment, linearise, rows, lag)
     # The remaining rows represent all blocks: there are as many node values as node priors.
-    return replace(
-        estimate, dof=estimate.dof + model.blocks.time.size * len(model.sensor.axes) - rows
-    )
+    dof = estimate.dof + model.blocks.time.size * len(model.sensor.axes) - rows
+    return with_tests_of_priors(replace(estimate, dof=dof), model.sensor, priors)
 
 
 def _lag_not_observed(model: RampModel, x: Array, gain: float) -> NotObserved:

@@ -25,6 +25,7 @@ from inercal.methods.candidates import (
     candidate,
     coefficient_column,
     extended_sensor,
+    prior_candidates,
     together_and_alone,
 )
 from inercal.methods.temperature_ramp.blocks import RampBlocks
@@ -224,6 +225,8 @@ def fit_ramp(model: RampModel, priors: Priors, environment: Environment) -> Esti
 
     def candidates(x: Array) -> list[Candidate]:
         found = _coefficient_candidates(model, x) + _drift_candidates(model)
+        column = dict(zip(model.names, model.linearise(x)[1].T, strict=True))
+        found += prior_candidates(model.sensor, model.names, priors, column)
         return found + _warm_up_candidates(model, x)
 
     return solve_ramp(model, priors, environment, model.linearise, rows, lag, candidates)

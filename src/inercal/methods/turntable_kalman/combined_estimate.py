@@ -50,7 +50,7 @@ def run_filter(
     own = set(result.triad.sensor.coefficients)
     learned = len(own) - sum(len(one.names) for one in priors if own.issuperset(one.names))
     if smooth:
-        checked = filter_tests.innovation_test_data(result, filtered, found)
+        checked = filter_tests.innovation_test_data(result, filtered, found, priors)
         # Only a report shows the smoothed states, and computing them needs another pass over the
         # track.
         smoothing = LazyValue(lambda: filtered.smoothed(result.time_varying_states))

@@ -28,7 +28,8 @@ from inercal.estimation.innovations import (
 from inercal.estimation.kalman import FilterSteps
 from inercal.estimation.omitted_constants import OmittedSums, omitted_constant_sums
 from inercal.estimation.residual_scatter import ScatterModel
-from inercal.methods import temperature
+from inercal.methods import Priors, temperature
+from inercal.methods.candidates import prior_column
 from inercal.methods.turntable import score_columns as columns
 from inercal.methods.turntable.model import TriadModel
 from inercal.methods.turntable.score_columns import ColumnInputs, ConstantColumn, ConstantColumns
@@ -61,7 +62,7 @@ class InnovationTestData(NamedTuple):
 
 
 def innovation_test_data(
-    made: AnyFilter, filtered: AnyTrack, found: FilterEstimate
+    made: AnyFilter, filtered: AnyTrack, found: FilterEstimate, priors: Priors
 ) -> InnovationTestData:
     """Return the data for testing a filter; `found` is its estimate at the end of the run."""
     track, time = filtered.track, filtered.history.time
@@ -75,11 +76,12 @@ def innovation_test_data(
     phi, sums, names = made.states.index(TILT[0]), None, ()
     if time.size:
         gyros, first = isinstance(made, GyroFilter), _columns(made, at, 0, 1)
-        names = first.columns
-        pieces = _pieces_with_columns(made, filtered, at, standard)
+        of_priors, prior_start = _prior_columns(made, priors)
+        names = first.columns + of_priors
+        pieces = _pieces_with_columns(made, filtered, at, standard, len(of_priors))
         sums = omitted_constant_sums(
             pieces,
-            _initial_sensitivity(made, first),
+            np.concatenate([_initial_sensitivity(made, first), prior_start], axis=1),
             phi if gyros else 0,
             0 if gyros else phi,
             None if gyros else made.tested_components,
@@ -95,9 +97,12 @@ def innovation_test_data(
 
 
 def _pieces_with_columns(
-    made: AnyFilter, filtered: AnyTrack, at: ColumnInputs, standard: Array
+    made: AnyFilter, filtered: AnyTrack, at: ColumnInputs, standard: Array, further: int
 ) -> Iterator[tuple[FilterSteps, Array, Array]]:
-    """Yield the steps and columns of each piece, and write the standardised innovations."""
+    """Yield the steps and columns of each piece, and write the standardised innovations.
+
+    The observations do not contain the `further` columns.
+    """
     first = 0
     for piece in filtered.pieces():
         stop = first + piece.time.size
@@ -109,7 +114,7 @@ def _pieces_with_columns(
             seen = some.observed_effects
             if not isinstance(made, GyroFilter):
                 seen = made.observed_directions(at.angles[first:stop]) @ seen[:, :2]
-            yield steps, some.driving_effects, seen
+            yield steps, some.driving_effects, np.pad(seen, ((0, 0), (0, 0), (0, further)))
         first = stop
 
 
@@ -127,6 +132,30 @@ def _initial_sensitivity(made: AnyFilter, some: ConstantColumns) -> Array:
         if one.name in known:
             start[made.states.index(one.name), k] = 1.0
     return start
+
+
+def _prior_columns(made: AnyFilter, priors: Priors) -> tuple[tuple[ConstantColumn, ...], Array]:
+    """Return the priors of the filter's coefficients as columns, and U at the start, (n, c).
+
+    With the covariance P₀ before the data, a prior N(μ, S) that is wrong by δ has shifted the
+    initial values by −P₀ S⁻¹ δ.
+    """
+    sensor = made.triad.sensor
+    columns: list[ConstantColumn] = []
+    starts = [np.zeros((len(made.states), 0))]
+    first = made.states.index(sensor.coefficients[0])
+    for prior in priors:
+        if not set(prior.names) <= set(sensor.coefficients):
+            continue
+        root, _ = prior.rows(sensor.coefficients)
+        start = np.zeros((len(made.states), len(prior.names)))
+        at = [sensor.coefficients.index(name) for name in prior.names]
+        start[first : first + len(made.prior)] = (made.prior @ root.T @ root)[:, at]
+        starts.append(start)
+        for full, sd in zip(prior.names, np.sqrt(np.diagonal(prior.covariance)), strict=True):
+            name, unit, _, largest, _ = prior_column(sensor, full, sd, np.zeros(0))
+            columns.append(ConstantColumn(name, "bench", unit, largest or 0.0, (name,)))
+    return tuple(columns), np.concatenate(starts, axis=1)
 
 
 def _without_effects_of_states(made: AnyFilter, some: ConstantColumns) -> ConstantColumns:

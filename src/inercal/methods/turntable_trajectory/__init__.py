@@ -24,6 +24,7 @@ from inercal.estimation import Candidate, Estimate, Gaussian, ModelTest, Problem
 from inercal.estimation import least_squares as solve
 from inercal.estimation.innovations import epoch_groups, group_innovations, residual_mean_test
 from inercal.methods import Method, Priors, mean_problem, temperature
+from inercal.methods.candidates import prior_candidates
 from inercal.methods.turntable import (
     DEFAULT_COEFFICIENTS,
     FURTHER_COEFFICIENTS,
@@ -194,7 +195,11 @@ def trajectory_problem(
         moved = score_columns.stack_columns(drifts)[1].reshape(len(parts), p + q, -1).sum(axis=0)
         # `with_mean_biases` adds the mean drift to the estimate and to these shifts afterwards.
         before = np.asarray(np.linalg.solve(by, moved), dtype=float)
-        return score_columns.candidates(columns, rows, before)
+        column = dict(zip((*sensor.coefficients, *loose), linearise(x)[1].T, strict=True))
+        return [
+            *score_columns.candidates(columns, rows, before),
+            *prior_candidates(sensor, (*sensor.coefficients, *loose), priors, column),
+        ]
 
     start = mean_problem.start_values(p, loose)
     return Problem(

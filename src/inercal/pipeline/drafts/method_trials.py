@@ -14,7 +14,7 @@ from inercal.recordings.io.column_table import shorten
 if TYPE_CHECKING:
     from inercal.pipeline.outcome import Outcome
 
-_LONGEST_REASON = 160  # characters
+_LONGEST_REASON = 220  # characters
 
 Candidate = tuple[str, str, dict[str, Any]]
 """Kind of bench, name of a method, and further keys of [method]."""

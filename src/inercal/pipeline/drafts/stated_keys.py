@@ -31,6 +31,11 @@ from inercal.runfile.schema import RunSchema
 
 _TRIADS = ("accelerometer", "gyro")
 _COLUMNS = (*_TRIADS, *NAMES)
+# Defaults that no test of the data can contradict, with what they assume
+_ASSUMED = {
+    "timebase": ", because a recorder without a crystal (ceramic or RC oscillator) may be 0.5 % to "
+    "2 % off, and the gyros' scale factors with it"
+}
 
 
 def stated_values(stated: Mapping[str, str]) -> dict[str, Any]:
@@ -288,9 +293,8 @@ def default_bench_keys(content: Mapping[str, Any], method_name: str) -> tuple[Dr
         if _acts(value):
             meaning = meanings.get(key, info.description or "")
             words = f"{meaning}: " if meaning else ""
-            found.append(
-                DraftKey("bench", key, value, f"{words}this is the default; state your own value")
-            )
+            reason = f"{words}this is the default; state your own value{_ASSUMED.get(key, '')}"
+            found.append(DraftKey("bench", key, value, reason, assumed=key in _ASSUMED))
     return tuple(found)
 
 

@@ -269,8 +269,9 @@ def _suggest(name: str, names: Sequence[str]) -> str:
 
 def shorten(text: str, length: int = 40) -> str:
     """Shorten a text to fit into one line of a message."""
-    text = " ".join("".join(c if c.isprintable() else " " for c in text[: length + 1]).split())
-    return text if len(text) <= length else text[: length - 1] + "…"
+    cut = len(text) > length
+    text = " ".join("".join(c if c.isprintable() else " " for c in text[:length]).split())
+    return text[: length - 1].rstrip(" ,;") + "…" if cut else text
 
 
 def label_array(values: Sequence[str], column: str, source: str) -> NDArray[np.str_]:

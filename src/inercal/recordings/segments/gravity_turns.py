@@ -37,6 +37,8 @@ _OUTLIERS = 20  # one in this many turns may disagree, for example after a bump 
 _SPHERE_RESTS = 9  # fewest rests for which the centre of a fitted sphere is reliable
 _WIDEST = 0.5  # largest plausible bias, as a fraction of gravity
 _UNITS = (180 / np.pi, np.pi / 180)
+_USABLE = (0.65, 1.5)  # factors of the readings of sensors that can be calibrated
+_SCALES: list[float] = np.geomspace(0.1, 10.0, 93).tolist()  # steps of 5 %
 _NAMES = "xyz"
 _AXIS = re.compile(r"\b[ag][xyz]\b")
 
@@ -248,6 +250,7 @@ def judge_turns(turns: GravityTurns | None) -> TurnVerdict:
     if not found:
         found = find_matching_axes(turns, _UNITS)
         found = [one for one in found if one.as_recorded] or found
+    found = found or _other_scale(turns)
     if not found:
         return nothing
     texts = tuple(dict.fromkeys(text for one in found for text in describe_changes(one)))
@@ -256,13 +259,27 @@ def judge_turns(turns: GravityTurns | None) -> TurnVerdict:
     return TurnVerdict(len(read), False, len(found) == 1, found[0].misfit, texts, clear)
 
 
+def _other_scale(turns: GravityTurns) -> list[TurnAgreement]:
+    """Return the scale of the gyros with which the turns agree, if no usable sensor can have it."""
+    misfits = [
+        turn_differences(turns.before, turns.after, rotations(factor * turns.angles))
+        for factor in _SCALES
+    ]
+    best = min(range(len(_SCALES)), key=lambda k: np.median(misfits[k]))
+    factor, own = _SCALES[best], misfits[best]
+    if (own > DIFFERENT / 2).sum() > len(own) // _OUTLIERS or _USABLE[0] < factor < _USABLE[1]:
+        return []
+    return [TurnAgreement(_permutations()[0], factor, float(np.median(own)))]
+
+
 def describe_changes(found: TurnAgreement) -> tuple[str, ...]:
     """Return the simplest changes of axes and unit that make the turns agree, in words.
 
     The axes are named ax to gz.
     """
     unit = {_UNITS[1]: "the gyros' unit is °/s", _UNITS[0]: "the gyros' unit is rad/s"}
-    stated = unit.get(found.factor, "")
+    scaled = f"the gyros' readings are multiplied by about {found.factor:.2g}"
+    stated = unit.get(found.factor, "" if found.factor == 1.0 else scaled)
     if found.as_recorded:
         return (stated,) if stated else ()
     n = np.array(found.matrix)
