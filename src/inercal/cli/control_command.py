@@ -29,7 +29,7 @@ class Lasting(StrEnum):
 def run(
     files: list[Path] | None = typer.Argument(
         None,
-        help="Calibration files of the check standard, in chronological order.",
+        help="Calibration files of the check standard.",
         metavar="FILE…",
     ),
     table: session_inputs.Sessions = None,
