@@ -15,6 +15,9 @@ from inercal.basics.units.expression import (
 )
 
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+LARGEST_NUMBER = 1e30
+"""Larger numbers, and the reciprocals of these, are typing errors; their powers would overflow."""
+
 _QUANTITY = re.compile(rf"({_NUMBER}) *(.*)")
 _COVERAGE = re.compile(rf"[,(]? *k *= *({_NUMBER}) *\)?$")
 _GROUP = re.compile(r"\(([^±]*)±([^±)]*)\)(.*)")  # "(12 ± 3) µg"
@@ -134,7 +137,13 @@ def _split_number_and_unit(text: str, like: str) -> tuple[float, str]:
         raise NotationError(
             f"is not a finite number with its unit, such as {_example_text(0.5, like)}"
         )
-    return float(found[1]), found[2].strip()
+    number = float(found[1])
+    if number and not 1 / LARGEST_NUMBER <= abs(number) <= LARGEST_NUMBER:
+        raise NotationError(
+            f"is not a possible size; write 0 or a number from {1 / LARGEST_NUMBER:.0e} to "
+            f"{LARGEST_NUMBER:.0e}"
+        )
+    return number, found[2].strip()
 
 
 def _last_digit_uncertainty(text: str) -> float:
