@@ -29,6 +29,7 @@ import scipy
 from inercal.basics.run_file_advice import Advice, Change
 from inercal.estimation import Estimate, ScoreTest
 from inercal.estimation.scores import (
+    HYSTERESIS,
     PARALLEL_COSINE,
     SCORE_TEST_SHARE,
     SIGNIFICANCE_LEVEL,
@@ -179,7 +180,7 @@ def find_best_cause(
         if one not in related
         and one.dof
         and not (one.is_implausible or one.contradicts_statement)
-        and first.cosine(one) >= PARALLEL_COSINE
+        and (first.cosine(one) >= PARALLEL_COSINE or (one in convincing and _is_loop(first, one)))
     ]
     expanded = COVERAGE * estimate.std[:count]
     shift = np.abs(first.shift[:count]) / np.where(expanded > 0, expanded, np.inf)
@@ -203,6 +204,17 @@ def find_best_cause(
         first.changes,
         () if first.least_size is None else tuple(first.least_size.tolist()),
         tuple(one.name for one in alike if first.kind == one.kind == "row"),
+    )
+
+
+def _is_loop(one: ScoreTest, other: ScoreTest) -> bool:
+    """Return whether one of two causes is a hysteresis, and both explain the residuals as well.
+
+    A hysteresis and a creep of the base are at 30.5°, just beyond what counts as parallel.
+    """
+    names = (one.name, other.name)
+    return any(name.startswith(HYSTERESIS) for name in names) and (
+        abs(one.chi2 - other.chi2) < _EQUIVALENT_CHI2
     )
 
 
@@ -307,6 +319,8 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
         return "check the latitude and its sign, and the names and signs of the gyros' columns"
     if cause.name == "autocollimator scale":
         return "check the sign and the unit of the autocollimator readings in [data]"
+    if cause.name.startswith(HYSTERESIS):
+        return "turn slowly and without overshoot, and repeat the test; U does not include it"
     if cause.kind == "bench":
         return "measure it again, or state it with its true uncertainty"
     if cause.units[:1] == ("T",):
