@@ -86,6 +86,8 @@ def _advice(changes: Sequence[str]) -> str:
     if all("unit" in one for one in changes):
         other = "°/s read as rad/s" if "°/s" in changes[0] else "rad/s read as °/s"
         return f"this looks like {other}: see unit in [sensor.gyro]"
+    if "multiplied" in changes[0]:
+        return "check unit and scale in [sensor.gyro]"
     gyros = any(name in one for one in changes for name in ("gx", "gy", "gz", "triad", "gyro"))
     force = any(name in one for one in changes for name in ("ax", "ay", "az", "triad"))
     keys = " and ".join(["accelerometer"] * force + ["gyro"] * gyros)

@@ -37,6 +37,7 @@ _OUTLIERS = 20  # one in this many turns may disagree, for example after a bump 
 _SPHERE_RESTS = 9  # fewest rests for which the centre of a fitted sphere is reliable
 _WIDEST = 0.5  # largest plausible bias, as a fraction of gravity
 _UNITS = (180 / np.pi, np.pi / 180)
+_POWERS = (1e3, 1e-3, 1e2, 1e-2, 1e1, 1e-1)  # of ten, by which a scale may be wrong
 _NAMES = "xyz"
 _AXIS = re.compile(r"\b[ag][xyz]\b")
 
@@ -249,6 +250,8 @@ def judge_turns(turns: GravityTurns | None) -> TurnVerdict:
         found = find_matching_axes(turns, _UNITS)
         found = [one for one in found if one.as_recorded] or found
     if not found:
+        found = [one for one in find_matching_axes(turns, _POWERS) if one.as_recorded]
+    if not found:
         return nothing
     texts = tuple(dict.fromkeys(text for one in found for text in describe_changes(one)))
     read = turn_differences(turns.before, turns.after, rotations(turns.angles))
@@ -262,6 +265,7 @@ def describe_changes(found: TurnAgreement) -> tuple[str, ...]:
     The axes are named ax to gz.
     """
     unit = {_UNITS[1]: "the gyros' unit is °/s", _UNITS[0]: "the gyros' unit is rad/s"}
+    unit |= {x: f"the gyros' readings are multiplied by {x:g}" for x in _POWERS}
     stated = unit.get(found.factor, "")
     if found.as_recorded:
         return (stated,) if stated else ()
