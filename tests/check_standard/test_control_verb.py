@@ -116,6 +116,7 @@ def test_a_stated_date_that_the_job_or_the_clock_contradicts_is_refused(
         (("--reference", "2"), "--reference 2"),
         (("--reference", "8", "--run-length", "1"), "--run-length"),
         (("--reference", "8", "--restart", "monday"), "--restart"),
+        (("--reference", "8", "--restart", "2999-01-01"), "--restart 2999-01-01"),
     ],
 )
 def test_what_cannot_be_charted_is_one_line(folder: Path, options: tuple[str, ...], words: str):

@@ -38,10 +38,17 @@ def fit(text: str, most: int = MOST_CHARACTERS) -> str:
     if len(text) <= most:
         return text
     ends = [one.start() for one in _PARTS.finditer(text) if _LEAST <= one.start() <= most]
-    if ends:
-        return text[: ends[-1]].rstrip(";:")
+    if whole := [end for end in ends if not _is_open(text[:end])]:
+        return text[: whole[-1]].rstrip(";:")
     kept = text[: most - 1]
+    if _is_open(kept):
+        return kept[: kept.rfind("(")].rstrip()
     return f"{kept.rpartition(' ')[0] or kept}".rstrip(",;: ") + "…"
+
+
+def _is_open(text: str) -> bool:
+    """Return whether a text ends within brackets."""
+    return text.count("(") > text.count(")")
 
 
 def first_fit(*texts: str) -> str:

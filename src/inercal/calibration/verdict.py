@@ -65,6 +65,7 @@ _REMEDIES = (
     "check ",
     "compare ",
     "correct ",
+    "find ",
     "give ",
     "let ",
     "look ",

@@ -91,6 +91,8 @@ def run(
     charted = [CheckedSession(*one) for one in given if one.measured >= begin]
     if not charted:
         raise InputError(f"--since {begin}: no session since then", key="--since")
+    if late := [one for one in days if one > charted[-1].measured]:
+        raise InputError(f"--restart {late[0]}: no session since then", key="--restart")
     found = control_charts(charted, **options)
     doubtful = None if sensor is None else _doubtful_calibrations(register, sensor, found)
     stem = f"{found.matched.sensor.name.replace('/', '_')}.control"

@@ -169,7 +169,7 @@ def _shared_unit(number: float, sd_unit: str, like: str) -> str:
 
 def _value(number: float, unit: str, like: str) -> float:
     if not unit and read_unit(like).dimension:
-        raise NotationError(f"has no unit; expected {dimension_text(like, f'{number:g} {like}')}")
+        raise NotationError(f"has no unit; expected {dimension_text(like, _example(number, like))}")
     read = require_dimension(unit or "1", like)
     value = number * read.size + read.offset
     if not math.isfinite(value):
@@ -200,4 +200,9 @@ def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
 
 
 def _example_text(number: float, like: str) -> str:
-    return repr(f"{number:g}" if like == "1" else f"{number:g} {like}")
+    return repr(_example(number, like))
+
+
+def _example(number: float, like: str) -> str:
+    """Return a number with a usual unit, in which T is far too large for a field."""
+    return f"{number:g}" if like == "1" else f"{number:g} {'µT' if like == 'T' else like}"
