@@ -102,8 +102,13 @@ def head_problem(
         families=_test_families(sensor, bench, steps),
         suspects=suspects,
     )
-    loops = _hysteresis_candidates(sensor, bench, steps)
-    return replace(result, candidates=lambda x: [*result.candidates(x), *loops])
+    loops, others = _hysteresis_candidates(sensor, bench, steps), result.candidates
+    assert others is not None
+
+    def with_loops(x: Array) -> list[candidates.Candidate]:
+        return [*others(x), *loops]
+
+    return replace(result, candidates=with_loops)
 
 
 def _hysteresis_candidates(
