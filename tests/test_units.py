@@ -286,6 +286,10 @@ def test_the_ends_of_an_interval_differ_from_the_value_in_it():
     assert format_interval(1, 0, inf) == "0.0 … inf"
 
 
+def test_a_day_is_a_unit_of_time():
+    assert parse_quantity("40 d", like="s").value == 40 * 86_400
+
+
 @pytest.mark.parametrize("size", [(1, "s"), (60, "min"), (3600, "h"), (86400, "d")])
 def test_a_duration_is_in_the_largest_unit_of_which_it_has_two(size: tuple[float, str]):
     seconds, unit = size

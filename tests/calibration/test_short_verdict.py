@@ -97,6 +97,14 @@ def test_extreme_findings_sizes_and_names_leave_six_short_lines(
         assert any(message in line for line in said.statements)
 
 
+@pytest.mark.parametrize("most", range(40, 100))
+def test_a_line_is_not_cut_within_brackets(most: int):
+    text = "the check standard was out of control on 2026-08-01 (of ax.k0; T²): look for it; wait"
+    short = explanation.fit(text, most)
+    assert len(short) <= most
+    assert short.count("(") == short.count(")")
+
+
 def test_many_groups_with_huge_scatter_leave_six_short_lines():
     groups = tuple(
         ResidualGroup(f"{LONG}{k}", "m/s²", ("a",), np.zeros((1, 1)), np.ones((1, 1)), 1e12, 30,

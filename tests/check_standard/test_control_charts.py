@@ -126,10 +126,20 @@ def test_what_cannot_be_charted_is_refused(
     assert words in str(refusal.value)
 
 
-def test_days_that_are_not_in_order_are_refused():
+def test_the_order_in_which_sessions_are_given_does_not_matter():
+    sessions = checked_sessions(Laboratory(), 12, np.random.default_rng(1), each=2)
+    expected = control_charts(sessions, reference=5)
+    found = control_charts([*sessions[14:], *sessions[:14][::-1]], reference=5)
+    assert [one.measured for one in found.sessions] == [one.measured for one in sessions]
+    assert found.episodes == expected.episodes
+    np.testing.assert_allclose(found.values.t2, expected.values.t2, rtol=1e-9)
+
+
+def test_days_whose_times_overlap_are_refused():
     sessions = checked_sessions(Laboratory(), 10, np.random.default_rng(1), each=2)
+    late = replace(sessions[0], measured=sessions[-1].measured)
     with refused(InputError) as refusal:
-        control_charts([*sessions[1:], sessions[0]], reference=5)
+        control_charts([late, *sessions[1:]], reference=5)
     assert "sort them by time" in str(refusal.value)
 
 

@@ -61,7 +61,7 @@ def test_a_register_gives_the_points_of_the_files_and_lists_what_is_doubtful(
             opened.enter_calibration(file, measured=day(k))
         other = load(files(folder)[0])
         for name, when in (("JOB-1", 3), ("JOB-2", 10), ("JOB-3", 11)):
-            one = replace(other, sensor=replace(other.sensor, name=name))
+            one = replace(other, sensor=replace(other.sensor, name=name), job={})
             opened.enter_calibration(one, measured=f"{day(when)}T12:00:00")
     given = ("--sensor", "TRIAD-1", "--register", path, "--reference", "8")
     found = json.loads(run_program("control", *given, "--json").output)
@@ -77,6 +77,38 @@ def test_a_register_gives_the_points_of_the_files_and_lists_what_is_doubtful(
     assert "JOB-1" not in printed
 
 
+def test_the_register_dates_by_the_job_and_files_in_any_order_give_the_same(
+    folder: Path, tmp_path: Path
+):
+    path = str(tmp_path / "r.db")
+    given = [*files(folder)[5:], *files(folder)[:5]]
+    with Register(path) as opened:
+        opened.enter_calibrations(given)
+        entries = opened.history("TRIAD-1").entries
+    assert [one.measured[:10] for one in entries] == [day(k) for k in range(12)]
+    assert {one.measured_from for one in entries} == {"stated"}
+    ways = (files(folder), given, ("--sensor", "TRIAD-1", "--register", path))
+    found = [
+        json.loads(run_program("control", *way, "--reference", "8", "--json").output)
+        for way in ways
+    ]
+    episodes = [one["episodes"] for one in found]
+    assert episodes[0] == [{"since": day(9), "until": None}]
+    assert episodes[1] == episodes[0]
+    assert [one["since"][:10] for one in episodes[2]] == [day(9)]
+
+
+@pytest.mark.parametrize("date", ["2025-11-30", "2026-01-03T10:00:00", "2999-01-01"])
+def test_a_stated_date_that_the_job_or_the_clock_contradicts_is_refused(
+    folder: Path, tmp_path: Path, date: str
+):
+    with Register(str(tmp_path / "r.db")) as opened:
+        with refused(InputError, key="--measured"):
+            opened.enter_calibration(files(folder)[0], measured=date)
+        number = opened.enter_calibration(files(folder)[0], measured=f"{day(0)}T12:00:00")
+        assert opened.calibration(number).measured[:13] == f"{day(0)}T12"
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -84,6 +116,7 @@ def test_a_register_gives_the_points_of_the_files_and_lists_what_is_doubtful(
         (("--reference", "2"), "--reference 2"),
         (("--reference", "8", "--run-length", "1"), "--run-length"),
         (("--reference", "8", "--restart", "monday"), "--restart"),
+        (("--reference", "8", "--restart", "2999-01-01"), "--restart 2999-01-01"),
     ],
 )
 def test_what_cannot_be_charted_is_one_line(folder: Path, options: tuple[str, ...], words: str):

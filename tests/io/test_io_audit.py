@@ -187,6 +187,15 @@ def test_channels_that_hold_their_values_together_rest():
     assert "refused" not in {f.severity for f in audit(made).findings}
 
 
+def test_a_copy_of_another_channel_is_refused():
+    made = recording()
+    made.data[:, 1] = made.data[:, 0]
+    finding = only(audit(made))
+    assert (finding.severity, finding.what, finding.channel) == ("refused", "copy", "y")
+    made.data[500, 1] += 1e-9
+    assert kinds(audit(made)) == []
+
+
 def test_readings_cut_off_at_1_g_are_saturated_with_the_key_to_state():
     rng = np.random.default_rng(8)
     made = recording()

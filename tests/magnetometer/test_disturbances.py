@@ -10,12 +10,12 @@ from scipy.stats import binom
 from tests.base_seeds import evidence, most_alarms, sampled
 from tests.magnetometer import generator as sim
 from tests.magnetometer.calibrations import calibrated
-from tests.magnetometer.cases import band, fit, normalised_error
+from tests.magnetometer.cases import band, fit, linear_model, normalised_error
 
 from inercal.basics.errors import InputError
 from inercal.calibration.detectability import undetectable_causes
 from inercal.estimation.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
-from inercal.methods.magnetic_field import field_tests, inhomogeneity_interval
+from inercal.methods.magnetic_field import LinearModel, field_tests, inhomogeneity_interval
 
 LEVEL = SCORE_TEST_SHARE * SIGNIFICANCE_LEVEL
 N = 24
@@ -94,6 +94,26 @@ def test_without_links_two_components_of_a_step_are_visible():
     assert alone[name].components == (f"{name}, north", f"{name}, up")
     assert alone[name].dof == 2
     assert both[name].dof == 3
+
+
+def test_a_drift_of_exchanged_axes_has_the_sizes_of_its_own_axes():
+    rng = np.random.default_rng(5)
+    own, attitude, order = sim.device(rng), sim.scattered(rng, N), [1, 0, 2]
+    size = np.array([3e-6, 1e-6, -2e-6])
+    data = sim.rests(rng, attitude, own, drift=np.linspace(-0.5, 0.5, N)[:, None] * size)
+    data.reading = data.reading[:, order]
+    plain = linear_model()
+    rows = [4 * k + j for k in order for j in range(4)]
+    model = LinearModel(
+        tuple(plain.names[row] for row in rows),
+        plain.nominal[order],
+        plain.directions[rows][:, order],
+    )
+    tests = field_tests(fit(linked(rng, attitude, data), model))
+    drift = next(one for one in tests.scores if one.name == "drift of the offset")
+    found = dict(zip(drift.components, drift.size, strict=True))
+    for k, axis in enumerate(("mx", "my", "mz")):
+        assert abs(found[f"drift of the offset, {axis}"] - size[k]) < 4.5 * drift.sd.max()
 
 
 def test_a_step_is_named_with_its_size():

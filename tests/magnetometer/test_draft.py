@@ -1,6 +1,7 @@
 """`inercal init` recognises magnetometers by name and by value, with their unit and their axes."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -89,6 +90,44 @@ def test_readings_that_fit_no_unit_are_counts_with_a_scale(tmp_path: Path):
     assert found["sensor.magnetometer.unit"] == "LSB"
     per_field = float(str(found["sensor.magnetometer.scale"]).partition(" ")[0])
     assert abs(per_field / 20 - 1) < 0.1  # the soft iron is 3 %
+
+
+def counted(one: Made) -> Made:
+    return replace(one, field=np.rint(one.field))
+
+
+@pytest.mark.usefixtures("untried")
+@pytest.mark.parametrize(
+    ("size", "stated", "unit", "asked"),
+    [
+        (6.67, {}, "mG", {"unit"}),
+        (30.0, {}, "LSB", {"unit", "scale"}),
+        (30.0, {"sensor.magnetometer.unit": "LSB"}, "LSB", {"scale"}),
+        (6.67, {"bench.field": "50 µT ± 1 µT"}, "LSB", set()),
+        (10.0, {"bench.field": "50 µT ± 1 µT"}, "mG", set()),
+        (6.67, {"sensor.magnetometer.scale": "6.67 LSB/µT"}, "LSB", set()),
+        (6.67, {"sensor.magnetometer.unit": "mG"}, "mG", set()),
+    ],
+)
+def test_whole_numbers_leave_the_unit_open_unless_a_field_is_stated(
+    tmp_path: Path, size: float, stated: dict[str, str], unit: str, asked: set[str]
+):
+    log, head = counted(made(size=size)), "t,ax,ay,az,gx,gy,gz,mx,my,mz"
+    draft = drafted(tmp_path, log, head, **stated)
+    found, section = keys(draft), "sensor.magnetometer"
+    assert found[f"{section}.unit"] == unit
+    assert found.get(f"{section}.unit_assumed", False) is bool(asked)
+    taken = {one.key for one in draft.entries if one.assumed}
+    assert taken == asked
+    questions = draft_run_file(
+        [tmp_path / "log.csv"],
+        tmp_path / "run.toml",
+        {"bench.latitude": "48 °", "data.rate": "100 Hz", **stated},
+    ).questions
+    assert {one.dotted for one in questions} == {f"{section}.{key}" for key in asked}
+    if unit == "LSB":
+        per_field = float(str(found[f"{section}.scale"]).partition(" ")[0])
+        assert abs(per_field / size - 1) < 0.1
 
 
 def test_the_hemisphere_decides_about_a_left_handed_triad(tmp_path: Path):

@@ -62,7 +62,7 @@ def test_constant_readings_are_refused():
     rng = np.random.default_rng(1)
     data = rests(rng, sim.scattered(rng, 24))
     data.reading[:, 1] = data.reading[0, 1]
-    with pytest.raises(InputError, match="axis y"):
+    with pytest.raises(InputError, match="axis my"):
         fit(data)
 
 

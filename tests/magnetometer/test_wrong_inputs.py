@@ -9,6 +9,7 @@ from tests.magnetometer.hand_run_files import inputs, run_file
 from tests.refusals import refused
 
 from inercal.benches import Hand
+from inercal.pipeline.run_calibration import calibrate_run
 from inercal.runfile import read
 
 NO_FIELD = {"sensor.magnetometer": None, "data.magnetometer": None}
@@ -26,6 +27,8 @@ FIELD, SECTION = "[bench] field", "[sensor.magnetometer]"
         ({"bench.field": '"50 µT ± 20 µT"'}, FIELD, "uncertain"),
         ({"bench.dip": '"95°"'}, "[bench] dip", "90°"),
         ({"bench.dip": '"65°"', "bench.hemisphere": '"south"'}, "[bench] dip", "south"),
+        ({"bench.latitude": '"-52°"', "bench.hemisphere": '"north"'}, "[bench] latitude", "north"),
+        ({"bench.latitude": '"52°"', "bench.dip": '"-60°"'}, "[bench] latitude", "dip"),
         ({"bench.hemisphere": '"west"'}, "[bench] hemisphere", "north"),
         ({**NO_FIELD, "bench.field": '"50 µT"'}, FIELD, "no magnetometers"),
         ({**NO_FIELD, "bench.dip": '"65°"'}, "[bench] dip", "no magnetometers"),
@@ -137,6 +140,18 @@ def test_a_repeated_face_is_still_refused_without_magnetometers(tmp_path: Path):
     }
     with refused():
         inputs(tmp_path, {**changes, "sensor.gyro": None, "data.gyro": None})
+
+
+@pytest.mark.parametrize(("field", "warned"), [("51 µT ± 1 µT", False), ("60 µT ± 1 µT", True)])
+def test_a_field_that_is_stated_wrong_gives_reservations(
+    tmp_path: Path, made: Made, field: str, *, warned: bool
+):
+    made.write(tmp_path / "log.csv")
+    stated = {"bench.field": f'"{field}"', "bench.gravity": '"9.81 m/s² ± 0.1 mm/s²"'}
+    run = read(run_file(tmp_path, stated))
+    outcome = calibrate_run(run, advise=False)
+    assert any(one.what == "units" for one in outcome.findings) is warned
+    assert not warned or outcome.verdict.grade == "reservations"
 
 
 @pytest.mark.parametrize(

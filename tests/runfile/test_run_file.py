@@ -1,5 +1,6 @@
 """A run file is read into SI; a mistake in it is one line that names the file and the key."""
 
+import re
 from math import pi
 from pathlib import Path
 from typing import Any
@@ -212,6 +213,13 @@ def test_a_step_without_duration_is_refused(tmp_path: Path, key: str):
 def test_a_tilt_that_is_no_finite_number_is_refused(tmp_path: Path, value: str):
     old = ('tilt = "0.3 °"\nturn_a', f'tilt = "{value}"\nturn_a')
     refuse(run_file(tmp_path, FERRARIS, old), "[bench] tilt")
+
+
+@pytest.mark.parametrize("name", ["", "  "])
+def test_a_sensor_without_a_name_is_refused(tmp_path: Path, name: str):
+    text = re.sub(r"(?m)^\[sensor\]\n(name = .*\n)?", f'[sensor]\nname = "{name}"\n', FERRARIS)
+    assert text != FERRARIS
+    refuse(run_file(tmp_path, text), "[sensor] name")
 
 
 def test_no_toml_is_refused_with_the_line(tmp_path: Path):

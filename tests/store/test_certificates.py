@@ -164,7 +164,9 @@ def test_the_verbs_say_what_they_wrote_and_write_over_nothing(tmp_path: Path):
     assert (ended.status, "10 calibrations" in ended.output) == (0, True)
     assert run_program("store", "backup", backup, "--register", address).status == 2
     assert run_program("store", "backup", backup, "--force", "--register", address).status == 0
-    assert run_program("store", "backup", address, "--force", "--register", address).status == 2
+    refusal = run_program("store", "backup", address, "--force", "--register", address)
+    assert refusal.status == 2
+    assert "--out" not in refusal.error
     other = str(tmp_path / "other.db")
     assert run_program("store", "restore", backup, "--register", other).status == 0
     assert run_program("store", "restore", backup, "--register", other).status == 2

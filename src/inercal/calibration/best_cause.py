@@ -31,6 +31,7 @@ import scipy
 from inercal.basics.run_file_advice import Advice, Change
 from inercal.estimation import Estimate, ScoreTest
 from inercal.estimation.scores import (
+    HYSTERESIS,
     PARALLEL_COSINE,
     SCORE_TEST_SHARE,
     SIGNIFICANCE_LEVEL,
@@ -196,7 +197,7 @@ def find_best_cause(
         if one not in related
         and one.dof
         and not (one.is_implausible or one.contradicts_statement)
-        and first.cosine(one) >= PARALLEL_COSINE
+        and (first.cosine(one) >= PARALLEL_COSINE or (one in convincing and _is_loop(first, one)))
     ]
     expanded = COVERAGE * estimate.std[:count]
     shift = np.abs(first.shift[:count]) / np.where(expanded > 0, expanded, np.inf)
@@ -230,6 +231,17 @@ def _is_equivalent(score_tests: ScoreTestSet, score: ScoreTest, other: ScoreTest
     )
     return other.cosine(score) >= PARALLEL_COSINE and (
         enough or score.chi2 > other.chi2 - _EQUIVALENT_CHI2
+    )
+
+
+def _is_loop(one: ScoreTest, other: ScoreTest) -> bool:
+    """Return whether one of two causes is a hysteresis, and both explain the residuals as well.
+
+    A hysteresis and a creep of the base are at 30.5°, just beyond what counts as parallel.
+    """
+    names = (one.name, other.name)
+    return any(name.startswith(HYSTERESIS) for name in names) and (
+        abs(one.chi2 - other.chi2) < _EQUIVALENT_CHI2
     )
 
 
@@ -335,6 +347,8 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
         return "check the sign and the unit of the autocollimator readings in [data]"
     if cause.kind == "bench" and cause.changes:
         return f"check whether the run file should state {changes_text(cause.changes)}"
+    if cause.name.startswith(HYSTERESIS):
+        return "turn slowly and without overshoot, and repeat the test; U does not include it"
     if cause.kind == "bench":
         return "measure it again, or state it with its true uncertainty"
     if cause.units[:1] == ("T",):

@@ -43,8 +43,8 @@ def fit(text: str, most: int = MOST_CHARACTERS) -> str:
     if len(text) <= most:
         return text
     ends = [one.start() for one in _PARTS.finditer(text) if _LEAST <= one.start() <= most]
-    if ends:
-        return text[: ends[-1]].rstrip(";:")
+    if whole := [end for end in ends if not _is_open(text[:end])]:
+        return text[: whole[-1]].rstrip(";:")
     kept = _OPEN_BRACKET.sub("", text[: most - 1])
     pauses = [one.start() for one in _PAUSES.finditer(kept) if one.start() >= _LEAST]
     if len(kept) < most - 1 and len(kept) >= _LEAST:
@@ -52,6 +52,11 @@ def fit(text: str, most: int = MOST_CHARACTERS) -> str:
     if pauses:
         return kept[: pauses[-1]]
     return f"{kept.rpartition(' ')[0] or kept}".rstrip(",;: ") + "…"
+
+
+def _is_open(text: str) -> bool:
+    """Return whether a text ends within brackets."""
+    return text.count("(") > text.count(")")
 
 
 def first_fit(*texts: str) -> str:

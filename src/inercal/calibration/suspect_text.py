@@ -16,7 +16,7 @@ from inercal.calibration.best_cause import CHANGE_PREFIX, SuspectedCause
 from inercal.calibration.detectability import coefficient_definition
 from inercal.calibration.explanation import first_fit
 from inercal.calibration.grade import Assessment, row_words, two_digits
-from inercal.estimation.scores import CandidateKind, ScoreTestSet
+from inercal.estimation.scores import HYSTERESIS, CandidateKind, ScoreTestSet
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_words import coefficient_words
 
@@ -34,6 +34,7 @@ _PERCENT_THRESHOLD = 0.01  # a larger ratio is shown in %
 _MAX_LISTED = 6  # largest number of candidates in a line
 _LEAST_SHARE = 0.1  # smallest share of χ² that a partial cause must explain
 _SMALL_CHI2 = 100.0  # below this, a decimal is shown
+_LASTING = ("step ", HYSTERESIS)  # changes over time that are not linear
 _SWITCH_UNITS = ("",)  # of a cause that is true or not, without a size
 
 
@@ -141,7 +142,7 @@ def suspect_lines(
     words = cause_words(one.place, one.kind, one.components, sensor, expected)
     first = f"{words[0].upper()}{words[1:]}"
     how = ""
-    if one.kind == "time" and not one.changes and not one.name.startswith("step "):
+    if one.kind == "time" and not one.changes and not one.name.startswith(_LASTING):
         within = one.name.startswith(CHANGE_PREFIX)
         how = " from its first half to its second" if within else " from the first row to the last"
     alone = len(one.components) == 1

@@ -49,7 +49,7 @@ from inercal.calibration.suspect_text import (
     degrees_of_freedom,
 )
 from inercal.estimation import Estimate
-from inercal.estimation.scores import SIGNIFICANCE_LEVEL
+from inercal.estimation.scores import HYSTERESIS, SIGNIFICANCE_LEVEL
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
@@ -75,6 +75,7 @@ _REMEDIES = (
     "check ",
     "compare ",
     "correct ",
+    "find ",
     "give ",
     "let ",
     "look ",
@@ -301,7 +302,9 @@ def _steps_on_cause(
         yield _Step(
             f"{look} the connection of this axis, and its sign, unit and scale in the run file."
         )
-    row, suspect = assessment.row, assessment.suspect
+    row, suspect, best = assessment.row, assessment.suspect, assessment.best
+    if suspect is None and best is not None and best.name.startswith(HYSTERESIS):
+        suspect = best  # it hides all other causes
     if suspect is not None:
         advice = advisor.on_cause(suspect)
         again = "measure it again, or " if suspect.kind == "bench" and not suspect.changes else ""

@@ -29,7 +29,7 @@ class Lasting(StrEnum):
 def run(
     files: list[Path] | None = typer.Argument(
         None,
-        help="Calibration files of the check standard, in chronological order.",
+        help="Calibration files of the check standard.",
         metavar="FILE…",
     ),
     table: session_inputs.Sessions = None,
@@ -91,6 +91,8 @@ def run(
     charted = [CheckedSession(*one) for one in given if one.measured >= begin]
     if not charted:
         raise InputError(f"--since {begin}: no session since then", key="--since")
+    if late := [one for one in days if one > charted[-1].measured]:
+        raise InputError(f"--restart {late[0]}: no session since then", key="--restart")
     found = control_charts(charted, **options)
     doubtful = None if sensor is None else _doubtful_calibrations(register, sensor, found)
     stem = f"{found.matched.sensor.name.replace('/', '_')}.control"

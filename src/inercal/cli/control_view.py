@@ -72,7 +72,7 @@ def print_doubtful(entries: "Sequence[CalibrationEntry] | None") -> None:
         rows = [(f"#{one.id}", one.sensor, day(one.measured), one.method) for one in entries]
         print_table(("doubtful calibration", "sensor", "measured", "method"), rows)
     elif entries is not None:
-        print_line("· no calibration in the register is from a doubtful period")
+        print_line("· no calibration of another sensor in the register is from a doubtful period")
 
 
 def doubtful_object(entries: "Sequence[CalibrationEntry] | None") -> dict[str, Any]:

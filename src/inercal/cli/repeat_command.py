@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def run(
     files: list[Path] | None = typer.Argument(
-        None, help="Calibration files of one sensor, in chronological order.", metavar="FILE…"
+        None, help="Calibration files of one sensor.", metavar="FILE…"
     ),
     table: Sessions = None,
     sensor: Sensor = None,

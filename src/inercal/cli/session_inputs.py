@@ -59,6 +59,8 @@ def read_sessions(
 ) -> tuple[list[DatedSession], list[Path]]:
     """Return the sessions, and the files that were read.
 
+    If all sessions have a time of measurement, they are sorted by it.
+
     Raises
     ------
     InputError
@@ -68,10 +70,14 @@ def read_sessions(
     if register is not None and sensor is None:
         raise InputError("--register: name the sensor with --sensor", key="--register")
     if table is not None:
-        return _of_table(table, same)
-    if sensor is not None:
-        return _of_register(register, sensor, same), []
-    return _of_files(files or [], same), files or []
+        found, inputs = _of_table(table, same)
+    elif sensor is not None:
+        found, inputs = _of_register(register, sensor, same), []
+    else:
+        found, inputs = _of_files(files or [], same), files or []
+    if all(one.measured for one in found):
+        found.sort(key=lambda one: one.measured)
+    return found, inputs
 
 
 def require_single_source(*ways: object) -> None:

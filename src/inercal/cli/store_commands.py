@@ -339,7 +339,10 @@ def backup(
     from inercal.laboratory.store.connection import resolve_address
 
     file = resolve_address(register).file
-    check_outputs({out: BACKUP}, () if file is None else (file,), force=force)
+    try:
+        check_outputs({out: BACKUP}, () if file is None else (file,), force=force)
+    except InputError as error:  # the file is an argument of this verb
+        raise InputError(str(error).removeprefix("--out "), file=out, key="OUT") from None
     _print_rows(backup_register(register, out), f"wrote {out}", {"backup": str(out)}, json)
 
 

@@ -43,6 +43,7 @@ from inercal.estimation.lazy_value import LazyValue
 
 CandidateKind = Literal["coefficient", "bench", "row", "time"]
 
+HYSTERESIS = "hysteresis of "  # start of the name of a candidate, followed by the axis
 SIGNIFICANCE_LEVEL = 0.01  # level of all tests of one estimate together
 SCORE_TEST_SHARE = 0.8  # for score tests; the rest is for χ² and the method's tests
 PARALLEL_COSINE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart

@@ -13,10 +13,12 @@ from inercal.basics.parameters import Parameter
 from inercal.basics.units import format_count
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
 from inercal.benches.dividing_head.bench import position_plan as on_head
+from inercal.benches.dividing_head.characteristics import loop_columns
 from inercal.benches.dividing_head.head_angles import READING_SCALE, sensor_angles
 from inercal.benches.dividing_head.passes import drift_ramps, pass_names
 from inercal.estimation import Problem
-from inercal.methods import Priors, mean_problem
+from inercal.estimation.scores import HYSTERESIS
+from inercal.methods import Priors, candidates, mean_problem
 from inercal.physics.plan import Index, Indexings
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
@@ -92,7 +94,7 @@ def head_problem(
     if any(step.reading for step in steps):
         meaning = "scale of the autocollimator readings"
         suspects[READING_SCALE] = Parameter(READING_SCALE, "1", 0.0, "run", 0.0, meaning)
-    return mean_problem.problem_of_readings(
+    result = mean_problem.problem_of_readings(
         observations,
         sensor,
         {} if exact else bench.nuisances(steps, sensor),
@@ -102,6 +104,27 @@ def head_problem(
         families=_test_families(sensor, bench, steps),
         suspects=suspects,
     )
+    loops, others = _hysteresis_candidates(sensor, bench, steps), result.candidates
+    assert others is not None
+
+    def with_loops(x: Array) -> list[candidates.Candidate]:
+        return [*others(x), *loops]
+
+    return replace(result, candidates=with_loops)
+
+
+def _hysteresis_candidates(
+    sensor: Sensor, bench: DividingHead, steps: Indexings
+) -> list[candidates.Candidate]:
+    """Return candidates for a hysteresis of the accelerometers, if both passes show it."""
+    if len({step.sense for step in steps} - {0}) < len("±"):
+        return []
+    loops: list[candidates.Column] = []
+    for k, (name, loop) in enumerate(loop_columns(sensor, bench, steps).items()):
+        rows = np.zeros((len(steps), len(sensor.axes)))
+        rows[:, k] = loop
+        loops.append(candidates.Column(f"{HYSTERESIS}{name}", "m/s²", rows.ravel()))
+    return candidates.together_and_alone("time", [(f"{HYSTERESIS}all accelerometers", loops)])
 
 
 def _test_families(

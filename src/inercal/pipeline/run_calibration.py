@@ -208,7 +208,9 @@ def _fitted(
 
 def _advisor(fitted: FittedRun) -> RunAdvisor:
     run = fitted.run
-    row = "rest" if run.method.unknown_attitudes else run.kind.words.row
+    row = run.kind.words.row
+    if run.method.unknown_attitudes:
+        row = "rest or turn" if run.sensor.rank("w") else "rest"
     return RunAdvisor(fitted, "part of the recording" if run.method.follows_rest else row, _fitted)
 
 

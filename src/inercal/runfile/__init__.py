@@ -33,7 +33,11 @@ from inercal.runfile.run import Run, check_validity, qualified_bench, with_quali
 from inercal.runfile.schema import RunSchema, reader_options, schema_for_kind
 from inercal.runfile.sensor_builder import build_sensor, coefficient_value
 from inercal.runfile.specification_section import stated_specification
-from inercal.runfile.validation_errors import schema_error, unknown_kind_error
+from inercal.runfile.validation_errors import (
+    require_possible_numbers,
+    schema_error,
+    unknown_kind_error,
+)
 
 _QUESTION = re.compile(r'\s*(?P<key>[\w.]+)\s*=\s*"\?"\s*(#\s*(please \w+: )?(?P<comment>.*?)\s*)?')
 _DEFAULT_KIND = "hand"  # [bench] kind
@@ -99,6 +103,7 @@ def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
     InputError
         See `read`.
     """
+    require_possible_numbers(content)
     completed, kind = dict(content), _DEFAULT_KIND
     if isinstance(content.get("bench"), dict):
         completed["bench"] = {"kind": kind} | content["bench"]

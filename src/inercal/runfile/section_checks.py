@@ -102,8 +102,9 @@ def assumed_units(sensor: SensorSection) -> tuple[Finding, ...]:
         Finding(
             "warning",
             "units",
-            f"the unit {section.unit} of the {kind}s was assumed; check the unit in the data "
-            f"sheet, and then remove unit_assumed from [sensor.{kind}]",
+            f"the unit of the {kind}s was assumed to be {section.unit}"
+            f"{f' with {section.scale}' if section.scale else ''}; check it in the data sheet, "
+            f"and then remove unit_assumed from [sensor.{kind}]",
         )
         for kind, section in _readouts(sensor).items()
         if section.unit_assumed

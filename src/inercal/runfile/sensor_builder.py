@@ -37,6 +37,8 @@ def build_sensor(section: SensorSection, data: DataSection, parts: Parts) -> Sen
     InputError
         A unit is unknown, a scale is not possible, or this bench does not support the axes.
     """
+    if not section.name.strip():
+        raise key_error("[sensor] name", "is empty; give the sensor's name, or remove the key")
     _require_same_axes(section, data)
     stated = [
         StatedAxes(

@@ -5,19 +5,20 @@ units.
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import date
 from difflib import get_close_matches
 from json import dumps
+from math import inf
 from types import NoneType, UnionType
-from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
+from typing import Any, Literal, NamedTuple, Union, cast, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_count
+from inercal.basics.units import LARGEST_NUMBER, format_count
 from inercal.benches.kind_definition import KINDS
 from inercal.recordings.data import DataSection
 from inercal.recordings.io.readers import known_options
@@ -48,6 +49,28 @@ def unknown_kind_error(kind: object) -> InputError:
     """Return the error for an unknown [bench] kind."""
     key = "[bench] kind"
     return InputError(f"{key}: {_not_possible(kind, KINDS)}", key=key)
+
+
+def require_possible_numbers(content: object, names: tuple[str, ...] = ()) -> None:
+    """Raise an error if a number in a run file is larger than any quantity.
+
+    Raises
+    ------
+    InputError
+    """
+    if isinstance(content, Mapping):
+        for name, value in cast("Mapping[str, object]", content).items():
+            require_possible_numbers(value, (*names, name))
+    elif isinstance(content, list | tuple):
+        for value in cast("Sequence[object]", content):
+            require_possible_numbers(value, names)
+    elif isinstance(content, int | float) and LARGEST_NUMBER < abs(content) < inf:
+        key = _format_key(names)
+        raise InputError(
+            f"{key}: {_format_value(content)} is too large; a number can be up to "
+            f"{LARGEST_NUMBER:.0e}",
+            key=key,
+        )
 
 
 def schema_error(
@@ -284,4 +307,4 @@ def _describe_type(value: object) -> str:
     return f"{_format_value(value)} is {sort}"
 
 
-__all__ = ["schema_error", "unknown_kind_error"]
+__all__ = ["require_possible_numbers", "schema_error", "unknown_kind_error"]

@@ -19,9 +19,10 @@ from inercal.basics.units.formatting import (
     format_quantity,
     format_value_and_uncertainty,
 )
-from inercal.basics.units.quantity import Measured, parse_quantity
+from inercal.basics.units.quantity import LARGEST_NUMBER, Measured, parse_quantity
 
 __all__ = [
+    "LARGEST_NUMBER",
     "ZERO_CELSIUS",
     "Measured",
     "format_count",

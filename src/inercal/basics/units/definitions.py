@@ -46,6 +46,7 @@ UNITS = {
         _base("sample", "", "sample"),
         _unit("min minute", "", 60.0, {"s": 1}),
         _unit("h hr hour", "", 3600.0, {"s": 1}),
+        _unit("d day", "", 86400.0, {"s": 1}),
         _unit("Hz hertz", "µmkM", 1.0, {"s": -1}),
         _unit("deg ° degree", "m", math.pi / 180, {"rad": 1}),
         _unit("arcmin ′", "", math.pi / 10800, {"rad": 1}),

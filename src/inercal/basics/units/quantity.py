@@ -15,7 +15,9 @@ from inercal.basics.units.expression import (
 )
 
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
-_TOO_LARGE = 1e50  # SI; larger than any quantity, and its powers would overflow
+LARGEST_NUMBER = 1e30
+"""Larger numbers, and the reciprocals of these, are typing errors; their powers would overflow."""
+
 _QUANTITY = re.compile(rf"({_NUMBER}) *(.*)")
 _COVERAGE = re.compile(rf"[,(]? *k *= *({_NUMBER}) *\)?$")
 _GROUP = re.compile(r"\(([^±]*)±([^±)]*)\)(.*)")  # "(12 ± 3) µg"
@@ -139,7 +141,13 @@ def _split_number_and_unit(text: str, like: str) -> tuple[float, str]:
         raise NotationError(
             f"is not a finite number with its unit, such as {_example_text(0.5, like)}"
         )
-    return float(found[1]), found[2].strip()
+    number = float(found[1])
+    if number and not 1 / LARGEST_NUMBER <= abs(number) <= LARGEST_NUMBER:
+        raise NotationError(
+            f"is not a possible size; write 0 or a number from {1 / LARGEST_NUMBER:.0e} to "
+            f"{LARGEST_NUMBER:.0e}"
+        )
+    return number, found[2].strip()
 
 
 def _last_digit_uncertainty(text: str) -> float:
@@ -165,10 +173,10 @@ def _shared_unit(number: float, sd_unit: str, like: str) -> str:
 
 def _value(number: float, unit: str, like: str, *, difference: bool) -> float:
     if not unit and read_unit(like).dimension:
-        raise NotationError(f"has no unit; expected {dimension_text(like, f'{number:g} {like}')}")
+        raise NotationError(f"has no unit; expected {dimension_text(like, _example(number, like))}")
     read = require_dimension(unit or "1", like)
     value = number * read.size + (0.0 if difference else read.offset)
-    if not abs(value) < _TOO_LARGE:
+    if not abs(value) < LARGEST_NUMBER:
         raise NotationError("is too large; write a smaller number")
     return value
 
@@ -190,10 +198,15 @@ def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
         raise NotationError(f"states a relative uncertainty, undefined here; state it in {like!r}")
     else:
         sd *= read_unit(sd_unit).size * abs(value)
-    if not sd < _TOO_LARGE:
+    if not sd < LARGEST_NUMBER:
         raise NotationError("states an uncertainty that is too large; write a smaller one")
     return sd
 
 
 def _example_text(number: float, like: str) -> str:
-    return repr(f"{number:g}" if like == "1" else f"{number:g} {like}")
+    return repr(_example(number, like))
+
+
+def _example(number: float, like: str) -> str:
+    """Return a number with a usual unit, in which T is far too large for a field."""
+    return f"{number:g}" if like == "1" else f"{number:g} {'µT' if like == 'T' else like}"

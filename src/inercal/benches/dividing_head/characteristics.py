@@ -228,6 +228,22 @@ def head_characteristics(
     return tuple(found)
 
 
+def loop_columns(sensor: Sensor, bench: DividingHead, steps: Sequence[Index]) -> dict[str, Array]:
+    """Return the effect of a unit hysteresis on the readings of each accelerometer, (r,).
+
+    It is that of `inercal.estimation.input_output_tests.hysteresis` in the loop of ±1 g.
+    """
+    motion, plain = sensed_motion(bench, steps, {}), rows_without_series(steps)
+    sense, result = np.array([step.sense for step in steps]), dict[str, Array]()
+    for axis in sensor.axes:
+        level, slope = (f @ np.array(axis.i) for f in (motion.f, motion.df["base"]))
+        rising = np.where(np.abs(slope) > _STEEP * bench.gravity.value, np.sign(slope) * sense, 0.0)
+        u = level / np.abs(level).max()
+        result[axis.name] = np.zeros(len(steps))
+        result[axis.name][plain] = (-0.5 * rising * (1 - u**2))[plain]
+    return result
+
+
 def _tumble_terms(sine: Array, cosine: Array) -> Array:
     """Return the terms of the tumble test for each position, (r, 6)."""
     one = np.ones_like(sine)

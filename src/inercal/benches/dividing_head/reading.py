@@ -59,6 +59,7 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     findings = result.findings + _missing_trim_positions(run, bench, steps)
     require_phases(run, result.observations, steps)
     shown = passes.small_tilt_series([step.angle for step in steps]) or warm
+    shown = shown or any(one.figure.detected for one in found)
     notes = characteristic_notes(found) if shown else ()
     findings += repeat_visit_warnings(result.observations, run.sensor, bench, steps)
     if rows_of_bands(found):

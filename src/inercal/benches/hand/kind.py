@@ -9,6 +9,7 @@ the result, so the sheet prints the planned duration.
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from math import degrees, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -226,7 +227,7 @@ class HandSection(BenchSection):
 def build(section: HandSection, folder: Path) -> Hand:
     """Build the bench in SI from its section; the files that it names are in `folder`."""
     known = section.latitude is not None
-    return build_bench(
+    bench = build_bench(
         Hand,
         section,
         latitude=section_constant(section, "latitude", "°") if known else None,
@@ -234,6 +235,15 @@ def build(section: HandSection, folder: Path) -> Hand:
         dip=stated_dip(section.dip, section.hemisphere),
         hemisphere=section.hemisphere,
     )
+    by_place = replace(bench, hemisphere=None, dip=None).dip_sign
+    if replace(bench, latitude=None).dip_sign * by_place < 0:
+        key = "dip" if section.hemisphere is None else "hemisphere"
+        raise key_error(
+            "[bench] latitude",
+            f'{section.latitude!r} contradicts {key} = "{getattr(section, key)}"; the latitude is '
+            "negative in the south, where the field points upwards and the dip is negative",
+        )
+    return bench
 
 
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:

@@ -185,7 +185,7 @@ def control_charts(
     Parameters
     ----------
     sessions : sequence of CheckedSession
-        Sessions in chronological order.
+        Sessions in any order; the charts follow their times.
     reference : int
         Number of days that form the reference.
     run_length : float
@@ -202,6 +202,7 @@ def control_charts(
         the sessions, or if the run length is not possible.
     """
     require_settings(reference, run_length)
+    sessions = sorted(sessions, key=lambda one: one.measured)
     matched = match_sessions([one.session for one in sessions])
     level = matched.level(0)
     days = int(level.max()) + 1

@@ -7,7 +7,7 @@ Verified calibrations that can be entered, with the additional columns of the re
 
 import json
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -230,7 +230,7 @@ def enter_calibration(
     kind : str
         Kind of bench that the method uses; empty if unknown.
     measured : str or None
-        Time of measurement, ISO 8601, if the user states it.
+        Time of measurement, ISO 8601, if the user states it in addition to [job].
     who : EntryAuthor
 
     Raises
@@ -255,8 +255,9 @@ def enter_calibration(
         name = found.conditions.get("bench", "")
         bench_id = enter_bench(db, kind, name, who) if kind or name else None
         run_id, time, source = None, entered.created, "created"
-    if measured is not None:
-        time, source = to_utc(measured), "stated"
+    stated = measured or found.job.get("measured")
+    if stated and (measured or not time.startswith(stated)):  # otherwise, `time` adds the hour
+        time, source = to_utc(stated), "stated"
     if not time:
         raise InputError(
             f"{entered.source}: the file does not state when it was measured; add --measured DATE",
@@ -285,6 +286,27 @@ def enter_calibration(
     if rows:
         db.execute(insert(coefficient), rows)
     return new
+
+
+def require_possible_date(entered: CalibrationDocument, measured: str) -> None:
+    """Raise an error if a stated time is in the future or contradicts [job] in the file.
+
+    Raises
+    ------
+    InputError
+    """
+    day, job = measured[: len("2026-03-01")], entered.calibration.job
+    first = job.get("measured", "")
+    last = job.get("measured_until", first)
+    wrong = ""
+    if datetime.fromisoformat(to_utc(measured)) > datetime.now(UTC) + timedelta(days=1):
+        wrong = "is in the future"
+    elif first and not first <= day <= last:
+        wrong = (
+            f"contradicts [job] of {entered.source}, measured {' to '.join({first: 0, last: 0})}"
+        )
+    if wrong:
+        raise InputError(f"--measured {measured} {wrong}", key="--measured")
 
 
 def state_date(db: Connection, number: int, measured: str) -> None:

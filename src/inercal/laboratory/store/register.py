@@ -213,13 +213,15 @@ class Register(Closeable):
         ----------
         source : Calibration or path
         measured : str, optional
-            Time of measurement, ISO 8601. By default, it is the start of the run whose recording
-            was calibrated, if the run is registered, and otherwise the time of the calibration.
+            Time of measurement, ISO 8601. By default, it is the day in [job], or else the start of
+            the run whose recording was calibrated, if the run is registered, or else the time of
+            the calibration.
 
         Raises
         ------
         InputError
-            If the file cannot be used, or `measured` is not a time.
+            If the file cannot be used, or `measured` is not a time, is in the future or
+            contradicts [job].
         """
         return self.enter_calibrations((source,), measured)[0]
 
@@ -240,6 +242,8 @@ class Register(Closeable):
         if measured is not None:
             stated_time(measured, example=" or 2026-03-01T14:30:00+01:00")
         result = [make_document(source) for source in sources]
+        for one in result if measured is not None else ():
+            insertions.require_possible_date(one, measured)
         kinds = [_bench_kind(one.calibration) for one in result]
         with self._transaction(connection.write_transaction) as db:
             numbers = tuple(

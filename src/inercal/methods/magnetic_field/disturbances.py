@@ -90,8 +90,7 @@ def _candidates(fit: FieldFit, edges: Indices, spread: Array) -> Iterator[Candid
         at = f"at {labels[edges[k]]}"
         rows = stretch[k:].sum(axis=0)
         yield _candidate(f"step of the field {at}", "time", ways, rows)
-    offsets = ("mx", "my", "mz")
-    yield _candidate("drift of the offset", "time", offsets, drift[:3])
+    yield _candidate("drift of the offset", "time", problem.model.axes, drift[:3])
     yield Candidate("drift of the strength", "time", ("drift of the strength",), ("1",), drift[3:])
     bounds: list[int] = edges.tolist()
     for k in range(count):

@@ -137,7 +137,7 @@ def fit_field(
             f" {_LEAST_NODES} different ones are needed if gyros link them, 9 otherwise, and 16"
             " are recommended"
         )
-    _require_change(nodes)
+    _require_change(nodes, model.axes)
     found = starts(free_dip)
     _require_unit(free_dip, found[0])
     first = best_solution(free_dip, found)
@@ -275,10 +275,10 @@ def _require_homogeneous(tau: float) -> None:
         )
 
 
-def _require_change(nodes: FieldNodes) -> None:
+def _require_change(nodes: FieldNodes, names: tuple[str, ...]) -> None:
     constant = np.flatnonzero(np.ptp(nodes.reading, axis=0) == 0)
     if constant.size:
-        axes = ", ".join("xyz"[k] for k in constant)
+        axes = ", ".join(names[k] for k in constant)
         raise InputError(
             f"the magnetometer's reading is the same at all attitudes (axis {axes}); check its"
             " columns and its range"

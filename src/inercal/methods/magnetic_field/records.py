@@ -13,6 +13,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
 from inercal.basics.units import Measured
 
 Hemisphere = Literal["north", "south"]
@@ -55,6 +56,11 @@ class LinearModel:
         if abs(np.linalg.det(self.nominal[:, :3])) < _RELATIVE:
             raise InputError("the three stated axes of the magnetometer lie in a plane", key="axis")
         _ = self.scale_direction
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The names of the axes, in the order of the readings."""
+        return tuple(dict.fromkeys(CoefficientName(name).axis for name in self.names))
 
     @cached_property
     def acts_on_field(self) -> Bools:

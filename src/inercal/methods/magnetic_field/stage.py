@@ -17,6 +17,7 @@ from scipy.special import chdtr  # pyright: ignore[reportMissingTypeStubs]
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_number, format_quantity
 from inercal.benches import Hand
 from inercal.calibration.verdict import UNSEEN
@@ -44,6 +45,7 @@ from inercal.recordings.magnetic import MagneticReadings
 DELAY = "delay"
 STATED_NOISE = "the noise stated in [sensor.magnetometer]"
 _OWN = ("dip", "strength")
+_FAR_SCALE = 0.1  # mean scale-factor error of three axes; usual magnetometers are within 5 %
 _HEMISPHERES: dict[int, Hemisphere | None] = {1: "north", -1: "south", 0: None}
 _UNSEEN = (
     "iron or magnets that turn with the sensor and are absent in use, because they look like hard "
@@ -127,6 +129,14 @@ def field_remarks(estimate: Estimate, found: FieldFit, stated: str) -> Remarks:
             size = format_quantity(float(estimate.value[k]), COVERAGE * sd, unit)
             conditions[what] = f"{size} (k = {COVERAGE:g})"
     findings = [Finding("note", UNSEEN, text) for text in unseen]
+    terms = (CoefficientName(name).term for name in found.names)
+    scales = [x for term, x in zip(terms, found.value, strict=True) if term == "scale"]
+    if not found.per_field and abs(mean := float(np.mean(scales))) > _FAR_SCALE:
+        text = (
+            f"the magnetometers read {100 * abs(mean):.0f} % {'more' if mean > 0 else 'less'} than "
+            "the stated field; check [bench] field, and unit and scale of [sensor.magnetometer]"
+        )
+        findings.append(Finding("warning", "units", text))
     small = chdtr(found.dof, found.chi2) < LEVEL and found.chi2 > 0
     if stated and small and (ratio := (found.dof / found.chi2) ** 0.5) >= LEAST_RATIO:
         text = (

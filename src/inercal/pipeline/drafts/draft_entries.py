@@ -62,18 +62,18 @@ class DraftKey:
 def with_typical_values(entries: Iterable[DraftKey]) -> Iterator[DraftKey]:
     """Yield the keys with typical values where only the user knows the value.
 
-    An assumed unit is marked as such in the run file, which makes the result one with reservations.
+    An assumed unit or scale is marked in the run file, and the result is one with reservations.
     """
+    marked = ""
     for entry in entries:
         if entry.value != UNKNOWN or not entry.typical:
             yield entry
             continue
         reason = entry.reason or f"assumed: {entry.ask}"
         yield replace(entry, value=entry.typical, reason=reason, assumed=True)
-        if entry.key == "unit":
-            yield DraftKey(
-                entry.section, ASSUMED_UNIT, True, "remove this line when you have checked the unit"
-            )
+        if entry.key in ("unit", "scale") and entry.section != marked:
+            marked, why = entry.section, "remove this line when you have checked the unit"
+            yield DraftKey(entry.section, ASSUMED_UNIT, True, why)
 
 
 def as_sections(entries: tuple[DraftKey, ...]) -> dict[str, Any]:

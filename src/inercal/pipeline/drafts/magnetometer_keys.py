@@ -7,6 +7,7 @@ except for a common sign of all three, which follows from the hemisphere.
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.units import si_factor
 from inercal.physics.magnetism import TURNS_OF_CUBE, axis_names, unit_of_earth_field
+from inercal.physics.section_settings import measured_constant
 from inercal.pipeline.drafts.column_names import (
     is_other_quantity,
     plain_name,
@@ -21,9 +23,9 @@ from inercal.pipeline.drafts.column_names import (
     run_file_column,
 )
 from inercal.pipeline.drafts.column_roles import ColumnRoles
-from inercal.pipeline.drafts.draft_entries import DraftKey
+from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
 from inercal.pipeline.drafts.quiet_sections import QuietMeans
-from inercal.pipeline.drafts.readouts import norm_misfit, off_sphere
+from inercal.pipeline.drafts.readouts import COUNTED_UNITS, norm_misfit, off_sphere
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.segments.gravity_turns import sphere
 
@@ -46,6 +48,8 @@ _ON_SPHERE = 0.15  # scatter of the norm, relative: soft iron of usual sensors
 _SAME_ANGLE = 0.15  # scatter of the cosine between field and gravity
 _CLEARER = 2.0  # ratio of that scatter for the second best axes
 _TYPICAL = 50e-6  # T
+_NEAR = 0.15  # relative difference between a unit and the stated field: scale and soft iron
+_LIKE_COUNTS = ("mG", "nT")  # units in which the readings of usual chips fit by chance
 _ERROR = 5e-3  # of the field, for means without a stated scatter
 
 
@@ -70,17 +74,14 @@ def magnetometer_keys(
         return ()
     field, force = (_means(table, each, rests) for each in (names, triad))
     centre, radius = sphere(field)
-    written = named_unit(names[0]) if table.header else None
-    unit = written or (None if radius is None else unit_of_earth_field(radius))
-    found = [DraftKey("data", "magnetometer", [run_file_column(n) for n in names], reason)]
-    if unit is None and radius is None:
+    unit = roles.units.get("magnetometer") or (named_unit(names[0]) if table.header else None)
+    if radius is None and unit in (None, *COUNTED_UNITS):
         return ()
-    why = "in the columns' names" if written else f"the field reads {radius:.4g}"
-    found.append(DraftKey(_SECTION, "unit", unit or "LSB", why))
-    size = si_factor(unit) if unit is not None else _TYPICAL / (radius or 1.0)
-    if unit is None:
-        why = "the reading of the field, which fits no unit, is taken as 50 µT"
-        found.append(DraftKey(_SECTION, "scale", f"{1e-6 / size:.4g} LSB/µT", why))
+    found = [DraftKey("data", "magnetometer", [run_file_column(n) for n in names], reason)]
+    rest = np.mod(table.stack(names), 1)
+    counts = roles.means or not rest[np.isfinite(rest)].any()
+    readout, size = _readout(unit, radius or 1.0, values.get("bench.field"), counts=counts)
+    found += readout
     if centre is not None and len(field) >= _FEWEST:
         axes = _fit_axes(field - centre, force, values.get("bench.hemisphere"))
         if axes not in (None, ["x", "y", "z"]):
@@ -90,6 +91,37 @@ def magnetometer_keys(
         text = f"{1e6 * size * _ERROR * (radius or _TYPICAL / size):.2g} µT"
         found.append(DraftKey("data.sd", "magnetometer", text, "a guess: state your own value"))
     return tuple(found)
+
+
+def _readout(
+    unit: str | None, radius: float, field: str | None, *, counts: bool
+) -> tuple[list[DraftKey], float]:
+    """Return the keys for unit and scale, and the size of an output unit in T.
+
+    Readings that may be counts, because they are whole numbers or means, may fit a unit by chance:
+    only the user or a stated field can tell.
+    """
+    strength = _TYPICAL
+    if field is not None:
+        strength = measured_constant(field, like="T", key="[bench] field", last_digit=False).value
+    size, why = strength / radius, f"the field reads {radius:.4g}"
+    reads = unit_of_earth_field(radius)
+    counts = counts and reads in _LIKE_COUNTS
+    if reads is None or (counts and field is not None and abs(si_factor(reads) / size - 1) > _NEAR):
+        reads = "LSB"
+    reason = "stated, or in the columns' names" if unit else why
+    key = DraftKey(_SECTION, "unit", unit or reads, reason)
+    if unit is None and field is None and (counts or reads == "LSB"):
+        ask = f"the unit of the magnetometers, such as µT, or LSB for counts ({why})"
+        key = replace(key, value=UNKNOWN, ask=ask, typical=reads)
+    if (unit or reads) not in COUNTED_UNITS:
+        return [key], si_factor(unit or reads)
+    text = f"{1e-6 / size:.4g} {unit or reads}/µT"
+    scale = DraftKey(_SECTION, "scale", text, f"{why}, which is taken as {1e6 * strength:.4g} µT")
+    if field is None:
+        ask = "the nominal scale of the magnetometers, such as 30 LSB/µT"
+        scale = replace(scale, value=UNKNOWN, ask=ask, typical=text)
+    return [key, scale], size
 
 
 def named_magnetometer(names: Sequence[str]) -> tuple[str, ...]:

@@ -66,7 +66,7 @@ def stated_units(values: Mapping[str, Any]) -> dict[str, str]:
         If a unit does not belong to the quantity.
     """
     found: dict[str, str] = {}
-    for kind, like in (("accelerometer", "m/s²"), ("gyro", "rad/s")):
+    for kind, like in (("accelerometer", "m/s²"), ("gyro", "rad/s"), ("magnetometer", "T")):
         key = f"sensor.{kind}.unit"
         if key in values:
             found[kind] = str(values[key])

@@ -80,6 +80,7 @@ _LOST = 0.01  # lost share of the recording, above which gaps are a warning
 # least so many median steps. Over so many bursts, the samples must follow their mean rate.
 _OFTEN, _SHORTER, _HELD_BACK = 0.02, 1.5, 10
 _LIVES = 0.5  # a channel is active in a part if it scatters there by this share of its full scatter
+_COPIED = 100  # so many equal samples of two channels are no chance
 _NEAR_S = 1.0  # s; saturated stretches that are closer than this form one finding
 
 
@@ -327,7 +328,7 @@ def jitter_findings(recording: Recording) -> list[Finding]:
 def channel_findings(
     recording: Recording, k: int, limits: tuple[float, float] | None
 ) -> list[Finding]:
-    """Refuse a constant channel, and warn about saturated or stuck samples."""
+    """Refuse a constant or copied channel, and warn about saturated or stuck samples."""
     x, channel = np.ascontiguousarray(recording.data[:, k]), recording.channels[k]
     if (x == x[0]).all():
         text = (
@@ -337,6 +338,10 @@ def channel_findings(
         return [Finding("refused", "stuck", text, channel, 0, x.size)]
     if dead := _dead_channel_finding(recording, k, x):
         return [dead]
+    for other, y in zip(recording.channels[:k], recording.data.T, strict=False):
+        if x.size >= _COPIED and np.array_equal(x, y):
+            text = f"{channel} has the same values as {other} throughout: name its own column"
+            return [Finding("refused", "copy", text, channel, 0, x.size)]
     why = ""
     if limits is None:
         others = [one for j, one in enumerate(recording.data.T) if j != k]

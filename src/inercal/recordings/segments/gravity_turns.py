@@ -38,7 +38,7 @@ _SPHERE_RESTS = 9  # fewest rests for which the centre of a fitted sphere is rel
 _WIDEST = 0.5  # largest plausible bias, as a fraction of gravity
 _UNITS = (180 / np.pi, np.pi / 180)
 _USABLE = (0.65, 1.5)  # factors of the readings of sensors that can be calibrated
-_SCALES: list[float] = np.geomspace(0.1, 10.0, 93).tolist()  # steps of 5 %
+_SCALES: list[float] = [*np.geomspace(0.1, 10.0, 93).tolist(), 1e2, 1e-2, 1e3, 1e-3]
 _NAMES = "xyz"
 _AXIS = re.compile(r"\b[ag][xyz]\b")
 
@@ -278,7 +278,8 @@ def describe_changes(found: TurnAgreement) -> tuple[str, ...]:
     The axes are named ax to gz.
     """
     unit = {_UNITS[1]: "the gyros' unit is °/s", _UNITS[0]: "the gyros' unit is rad/s"}
-    scaled = f"the gyros' readings are multiplied by about {found.factor:.2g}"
+    times = float(f"{found.factor:.2g}")
+    scaled = f"the gyros' readings are multiplied by about {times:g}"
     stated = unit.get(found.factor, "" if found.factor == 1.0 else scaled)
     if found.as_recorded:
         return (stated,) if stated else ()
