@@ -302,8 +302,8 @@ def grade_estimate(
         bad.append(f"the residuals are {times} times as large as noise and bench allow")
     bad += _large_means(assessment)
     if best is not None and best.shift > _MAX_SHIFT:
-        shifted = coefficient_words(sensor, best.shifted_coefficient)
-        bad.append(f"{_SHIFTED_BY[best.kind]} shifts the {shifted} by {two_digits(best.shift)} U")
+        shift = f"{best.shifted_coefficient} by {two_digits(best.shift)} U"
+        bad.append(f"{_SHIFTED_BY[best.kind]} shifts {shift}")
     mild = [_test_reason(test.name) for test in assessment.rejecting_tests]
     if assessment.scores_reject and suspect is None:
         mild.append("no single cause explains the residuals")

@@ -154,7 +154,12 @@ def verdict(
     far = dict(_scale_errors(estimate, sensor, row))
     graded = grade_estimate(estimate, sensor, assessment, findings, tuple(far))
     unseen = _undetectable(estimate, sensor, assessment)
-    exact = undetectable_exact_parameters(estimate, sensor, expected)
+    shown = "" if assessment.suspect is None else assessment.suspect.name
+    exact = [
+        name
+        for name in undetectable_exact_parameters(estimate, sensor, expected)
+        if name != shown.partition("[")[0]
+    ]
     known = next((_CAUSES[one.what] for one in findings if one.what in _CAUSES), "")
     steps = [
         *(() if known else _steps_on_cause(assessment, advisor, tuple(far), row_word, row)),

@@ -18,8 +18,8 @@ _MANY = 5000  # with more rows than this, they are reduced to fewer dimensions
 _VISIBLE = 3.0  # η at the largest plausible size; below this, a candidate is not scored
 # Smallest share of a candidate's column that must remain in the residuals
 _MIN_RESIDUAL_SHARE = 1e-6
-# A direction of bench errors is open if the data show it a thousand times less than another one.
-_MIN_DIRECTION_SHARE = 1e-3
+# A direction of bench errors is open if the data show it 30 times less than another one.
+_MIN_DIRECTION_SHARE = 1 / 30
 
 
 def score_tests(
