@@ -231,7 +231,7 @@ def test_a_sensitivity_of_gyros_to_acceleration_is_added_on_a_rate_table_of_know
 def test_an_addition_by_which_the_noise_of_the_rests_decreases_too_is_kept():
     """The tremor that the rests show and the gyros seem to share is then their sensitivity."""
     rng = np.random.default_rng([1, 63])
-    session = Session(positions=20, latitude=np.radians(47.0), gravity_sd=2e-4)
+    session = Session(positions=20, latitude=np.radians(47.0), gravity_sd=2e-4, tremor_deg=0.02)
     made = record(mems(rng), session, rng)
     log = np.array(made.data[0])
     log[:, 3:] += np.radians(0.05) / 9.81 * log[:, :3]

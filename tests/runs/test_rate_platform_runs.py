@@ -50,6 +50,14 @@ def test_the_page_shows_what_the_gyros_give(folder: Path):
             assert [cell.strip() for cell in line.split("│")[3:5]] == list(cells)
 
 
+def test_one_wrong_digit_that_no_residual_shows_makes_sizes_implausible(folder: Path):
+    changed(folder / "gyros.csv", ("49.969", "44.969"))
+    outcome = calibrate(folder / "gyros.toml")
+    assert outcome.estimate.consistent
+    assert outcome.verdict.warned == ("size",)
+    assert outcome.verdict.grade == "reservations"
+
+
 def test_an_imu_in_rates_and_poses_is_consistent_and_reported(folder: Path, tmp_path: Path):
     outcome = calibrate(folder / "imu.toml")
     assert outcome.verdict.grade == "consistent"

@@ -39,6 +39,7 @@ from inercal.calibration.grade import (
     is_far_from_nominal,
     two_digits,
 )
+from inercal.calibration.plausible_sizes import implausible_sizes
 from inercal.calibration.suspect_text import alternatives, bench_words, cause_line
 from inercal.estimation import Estimate
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL
@@ -149,6 +150,7 @@ def verdict(
         A sentence on the coefficients that the run added automatically. It becomes the second line.
     """
     advisor = advisor or PlainAdvisor(possible, row_word)
+    findings = (*findings, *implausible_sizes(estimate, sensor))
     assessment = assess(estimate, len(sensor.coefficients), possible)
     row = _dominant_row(estimate, assessment)
     far = dict(_scale_errors(estimate, sensor, row))
