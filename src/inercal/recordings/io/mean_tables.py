@@ -19,7 +19,7 @@ from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty.rounding import last_digit
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Axis, Sensor
-from inercal.recordings import Observations, ReadingSteps, add_rounding
+from inercal.recordings import Finding, Observations, ReadingSteps, add_rounding
 from inercal.recordings.io.column_table import TOO_LARGE, Table, shorten
 from inercal.recordings.io.read import Columns, read_table
 from inercal.recordings.rounding_errors import NOISY
@@ -178,6 +178,29 @@ def observations_from_table(
         notes=notes,
         timed=False,
         temperature=temperature,
+    )
+
+
+def check_repeated_rows(observations: Observations) -> tuple[Finding, ...]:
+    """Return a warning for rows whose means are exactly equal on all axes, and are then copies.
+
+    Rows of few digits may be equal by chance, so the other rows must differ on all axes. The means
+    of a single axis are not checked.
+    """
+    rows, m = observations.mean.shape
+    different, first, copies = np.unique(
+        observations.mean, axis=0, return_inverse=True, return_counts=True
+    )
+    if m < 2 or len(different) == rows or any(np.unique(x).size < len(x) for x in different.T):
+        return ()
+    return tuple(
+        Finding(
+            "warning",
+            "copies",
+            f"{' and '.join(observations.labels[k] for k in np.flatnonzero(first.ravel() == one))} "
+            "have exactly the same readings; remove the copy",
+        )
+        for one in np.flatnonzero(copies > 1)
     )
 
 
