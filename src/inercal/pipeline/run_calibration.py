@@ -98,7 +98,7 @@ def _fitted(
     zero_rates = check_zero_rates(observations, sensor, inputs.steps, run.priors, run.data.gyro)
     findings += zero_rates
     if inputs.recording is None and observations.track is None:
-        findings += check_repeated_rows(observations)
+        findings += check_repeated_rows(observations, sensor)
     solver_sensor = inputs.sensor_of_samples(sensor)
     if thermal is not None:
         findings += thermal.findings

@@ -28,6 +28,8 @@ _FEW_DIGITS = 3  # units of the last digit; means that differ by less may be equ
 _OF_NOISE = 0.01  # share of a mean's variance, below which rounding to the last digit is ignored
 _ONE_DIGIT = 0.1  # of the largest mean: whole numbers such as 1 and 0 g are not what was read
 _ROWS = 4  # in tables with fewer rows, means may agree to the last digit
+_BY_CHANCE = 1e-3  # expected number of equal pairs, below which equal rows are copies
+_DIGITS, _LEAST = 12, 1e-300  # digits that survive the conversion to SI, and a mean that is not 0
 SD_SUFFIX = "_sd"  # suffix of the column with a column's standard deviation
 
 _OPEN_CELL = "write the mean, go on with inercal measure,"  # before "or remove the row"
@@ -181,26 +183,31 @@ def observations_from_table(
     )
 
 
-def check_repeated_rows(observations: Observations) -> tuple[Finding, ...]:
+def check_repeated_rows(observations: Observations, sensor: Sensor) -> tuple[Finding, ...]:
     """Return a warning for rows whose means are exactly equal on all axes, and are then copies.
 
-    Rows of few digits may be equal by chance, so the other rows must differ on all axes. The means
-    of a single axis are not checked.
+    Means with few digits may be equal by chance. Two means with a standard deviation σ, written in
+    steps q ≪ σ, are equal with a probability of q / (2 √π σ).
     """
-    rows, m = observations.mean.shape
-    different, first, copies = np.unique(
-        observations.mean, axis=0, return_inverse=True, return_counts=True
-    )
-    if m < 2 or len(different) == rows or any(np.unique(x).size < len(x) for x in different.T):
-        return ()
+    mean, rows = observations.mean, len(observations.labels)
+    sd = np.sqrt(np.diagonal(observations.covariance, axis1=-2, axis2=-1)).mean(axis=0)
+    chance = rows**2 / 2
+    for axis, one, own in zip(sensor.axes, mean.T, sd.tolist(), strict=True):
+        written = one * axis.readout.scale
+        digits = _DIGITS - int(np.ceil(np.log10(np.abs(written).max() + _LEAST)))
+        step = last_digit(np.round(written, digits)) / abs(axis.readout.scale)
+        chance *= min(1.0, step / (2 * np.sqrt(np.pi) * own + _LEAST))
+    _, first, counts = np.unique(mean, axis=0, return_inverse=True, return_counts=True)
+    alike = (np.flatnonzero(first.ravel() == k).tolist() for k in np.flatnonzero(counts > 1))
     return tuple(
         Finding(
             "warning",
             "copies",
-            f"{' and '.join(observations.labels[k] for k in np.flatnonzero(first.ravel() == one))} "
-            "have exactly the same readings; remove the copy",
+            f"{' and '.join(observations.labels[k] for k in copies)} have exactly the same "
+            "readings; remove the copy",
         )
-        for one in np.flatnonzero(copies > 1)
+        for copies in alike
+        if chance < _BY_CHANCE
     )
 
 
