@@ -219,7 +219,7 @@ def sensitive_to_g() -> dict[str, Any]:
 
 def test_a_sensitivity_of_gyros_to_acceleration_is_added_on_a_rate_table_of_known_arm():
     stated = {"rate_asymmetry": "10 ppm", "rate_stability": "5 ppm", "latitude": "50 °"}
-    keys = arguments({"also": "auto"}, stated) | {"sd": {"gyro": "4 °/h"}}
+    keys: dict[str, Any] = arguments({"also": "auto"}, stated) | {"sd": {"gyro": "4 °/h"}}
     without = calibrate(sensitive_to_g(), **keys)
     assert without.additions == ()
     (advice,) = (one for one in without.verdict.advice if one.reason == "g")
