@@ -97,7 +97,8 @@ def _fitted(
     observations, findings = inputs.observations, (*run.findings, *inputs.findings)
     zero_rates = check_zero_rates(observations, sensor, inputs.steps, run.priors, run.data.gyro)
     findings += zero_rates
-    if inputs.recording is None and observations.track is None:
+    reported = any(one.what == "repeated" for one in inputs.findings)
+    if inputs.recording is None and observations.track is None and not reported:
         findings += check_repeated_rows(observations, sensor)
     solver_sensor = inputs.sensor_of_samples(sensor)
     if thermal is not None:
