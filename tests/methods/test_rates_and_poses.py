@@ -36,7 +36,11 @@ from inercal.basics.keys import CoefficientName
 from inercal.basics.units import Measured
 from inercal.benches.rate_platform import RatePlatform
 from inercal.benches.rate_platform.sections import KnownTurn, RateDwell
+from inercal.calibration.best_cause import SuspectedCause
+from inercal.calibration.detectability import undetectable_exact_parameters
+from inercal.calibration.grade import assess
 from inercal.estimation import Estimate, Gaussian
+from inercal.methods import METHODS
 from inercal.methods.rates_and_poses import ml
 from inercal.physics.sensors import GYRO, triad
 from inercal.recordings import Observations
@@ -335,6 +339,49 @@ def test_the_bias_may_differ_from_setting_to_setting():
     assert 0.85 < np.mean(found.chi2) / found.dof < 1.15
     taken_as_one = estimated(made, bench(READ), ALL)
     assert np.mean(taken_as_one.chi2) / taken_as_one.dof > 100
+
+
+def with_g(switched: float, square: float = 0.0) -> tuple[list[SuspectedCause | None], Estimate]:
+    """Return the best causes in six devices with g-sensitivity, and the last estimate.
+
+    The biases differ between the six settings by `switched`, °/h, or D_PP is `square`, °/h/g².
+    """
+    table, n = Table(2e-5, 1e-5, 5e-6, 0.0, float(np.radians(0.02))), 6
+    made = devices(MID_SIX, "C", table, (*LINEAR, *G_TERMS), n, rng := np.random.default_rng(9))
+    settings = list(dict.fromkeys(row.setting for row in made.rows))
+    at = [settings.index(row.setting) for row in made.rows]
+    made.reading += (switched * DEG_PER_H * rng.standard_normal((n, len(settings), 3)))[:, at]
+    pendulous = [[row.axis == (a + 1) % 3 for a in range(3)] for row in made.rows]
+    made.reading += square * DEG_PER_H * np.array(pendulous)
+    sensor = triad("t", "w", "g").with_coefficients(*LINEAR, *G_TERMS)
+    possible = METHODS["rates_and_poses"].possible(sensor)
+    found = [
+        estimated(made, bench(table, arm=0.005), (*LINEAR, *G_TERMS), device=k) for k in range(n)
+    ]
+    return [assess(one, len(sensor.coefficients), possible).best for one in found], found[-1]
+
+
+def test_biases_that_differ_between_six_settings_are_a_large_shift_of_g_and_not_of_g_squared():
+    for best in with_g(switched=40.0)[0]:
+        assert best is not None
+        assert best.name == "turn_on"
+        # Half a difference of two biases, 40/√2 °/h, is taken for g-sensitivity; U, which contains
+        # the scatter of the residuals, is about 15 °/h/g.
+        assert 1.2 < best.shift < 3
+
+
+def test_a_sensitivity_to_g_squared_is_not_taken_for_changes_of_the_bias():
+    assert {best and best.name for best in with_g(0.0, square=40.0)[0]} == {"g_pp"}
+
+
+def test_what_is_absorbed_by_g_is_named_where_the_run_file_does_not_state_it():
+    _, found = with_g(0.0)
+    sensor = triad("t", "w", "g").with_coefficients(*LINEAR, *G_TERMS)
+    assert {"latitude", "turn_on"} <= set(undetectable_exact_parameters(found, sensor, {}))
+    made = devices(MID_SIX, "C", PLAIN, LINEAR, 1, np.random.default_rng(9))
+    plain = estimated(made, bench(PLAIN), LINEAR, device=0)
+    sensor = sensor.with_coefficients(*LINEAR)
+    assert not {"latitude", "turn_on"} & set(undetectable_exact_parameters(plain, sensor, {}))
 
 
 def test_the_level_part_of_the_earths_rate_is_sensed_but_over_whole_turns(seed: int):

@@ -4,15 +4,20 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from tests.accuracy.ferraris import mems
+from tests.accuracy.handheld import Session, record
 from tests.base_seeds import evidence, slow
 from tests.evidence import auto
 from tests.evidence.violation_cells import Cell, case_cells, device_files
 from tests.evidence.visibility_model import Files
+from tests.methods import platform_devices
 from tests.program import run_program
 from tests.refusals import refused
+from tests.suspects.rate_platform_runs import arguments
 
 from inercal.basics.run_file_advice import Change
 from inercal.calibration.files import load, save
@@ -197,3 +202,46 @@ def _advice_on_suspect(outcome: Outcome) -> tuple[Change, ...]:
     assert suspect is not None
     assert suspect.kind == "bench"
     return next(one.changes for one in outcome.verdict.advice if one.reason == suspect.name)
+
+
+def sensitive_to_g() -> dict[str, Any]:
+    """Return a table of rates in six settings, of gyros that are sensitive to acceleration."""
+    terms = ("bias", "scale", "delta_o", "delta_p", "g_i", "g_p", "g_o")
+    table, rng = platform_devices.Table(2e-5, 1e-5, 5e-6, 0.0, 4e-4), np.random.default_rng(3)
+    made = platform_devices.devices(platform_devices.MID_SIX, "C", table, terms, 1, rng)
+    return {
+        "axis": [row.name for row in made.rows],
+        "rate": np.degrees([row.rate for row in made.rows]),
+        "seconds": [row.seconds for row in made.rows],
+        **dict(zip(("gx", "gy", "gz"), np.degrees(made.reading[0]).T, strict=True)),
+    }
+
+
+def test_a_sensitivity_of_gyros_to_acceleration_is_added_on_a_rate_table_of_known_arm():
+    stated = {"rate_asymmetry": "10 ppm", "rate_stability": "5 ppm", "latitude": "50 °"}
+    keys: dict[str, Any] = arguments({"also": "auto"}, stated) | {"sd": {"gyro": "4 °/h"}}
+    without = calibrate(sensitive_to_g(), **keys)
+    assert without.additions == ()
+    (advice,) = (one for one in without.verdict.advice if one.reason == "g")
+    assert "[bench] arm" in advice.action
+    keys["bench"] |= {"arm": "5 mm"}
+    assert [one.group for one in calibrate(sensitive_to_g(), **keys).additions] == ["g"]
+
+
+def test_an_addition_by_which_the_noise_of_the_rests_decreases_too_is_kept():
+    """The tremor that the rests show and the gyros seem to share is then their sensitivity."""
+    rng = np.random.default_rng([1, 63])
+    session = Session(positions=20, latitude=np.radians(47.0), gravity_sd=2e-4, tremor_deg=0.02)
+    made = record(mems(rng), session, rng)
+    log = np.array(made.data[0])
+    log[:, 3:] += np.radians(0.05) / 9.81 * log[:, :3]
+    found = calibrate(
+        {"t": made.time, **dict(zip(("ax", "ay", "az", "gx", "gy", "gz"), log.T, strict=True))},
+        method={"name": "multi_position", "also": "auto"},
+        sensor={"accelerometer": {"unit": "m/s²"}, "gyro": {"unit": "rad/s"}},
+        bench={"latitude": "47 ° ± 0.01 °", "gravity": f"{session.gravity} m/s² ± 0.2 mm/s²"},
+        time="t",
+        accelerometer=["ax", "ay", "az"],
+        gyro=["gx", "gy", "gz"],
+    )
+    assert "g" in [one.group for one in found.additions]

@@ -50,6 +50,32 @@ def test_the_page_shows_what_the_gyros_give(folder: Path):
             assert [cell.strip() for cell in line.split("│")[3:5]] == list(cells)
 
 
+def test_one_wrong_digit_that_no_residual_shows_makes_sizes_implausible(folder: Path):
+    changed(folder / "gyros.csv", ("49.969", "44.969"))
+    outcome = calibrate(folder / "gyros.toml")
+    assert outcome.estimate.consistent
+    assert outcome.verdict.warned == ("size",)
+    assert outcome.verdict.grade == "reservations"
+
+
+def test_a_row_that_was_pasted_twice_is_named(folder: Path):
+    table = folder / "gyros.csv"
+    lines = table.read_text(encoding="utf-8").splitlines(keepends=True)
+    table.write_text("".join((*lines[:3], *lines[2:])), encoding="utf-8")
+    verdict = calibrate(folder / "gyros.toml").verdict
+    assert (verdict.grade, verdict.warned) == ("reservations", ("copies",))
+
+
+def test_rows_of_few_digits_may_be_equal(folder: Path):
+    table = folder / "gyros.csv"
+    head, *lines = table.read_text(encoding="utf-8").splitlines()
+    cells = [line.split(",") for line in lines]
+    coarse = [",".join((*row[:3], *(f"{float(x):.2f}" for x in row[3:]))) for row in cells]
+    table.write_text("\n".join((head, *coarse)), encoding="utf-8")
+    assert len({",".join(line.split(",")[3:]) for line in coarse}) < len(coarse)
+    assert "copies" not in calibrate(folder / "gyros.toml").verdict.warned
+
+
 def test_an_imu_in_rates_and_poses_is_consistent_and_reported(folder: Path, tmp_path: Path):
     outcome = calibrate(folder / "imu.toml")
     assert outcome.verdict.grade == "consistent"

@@ -79,6 +79,8 @@ def agreement_lines(
         clause = "this estimator does not test how well the data agree with the model"
     elif estimate.groups and assessment.rejects:
         clause = "the residuals are larger than the noise explains"
+        if not assessment.rejecting_tests:
+            clause = "the residuals are not too large, but a test for a single cause rejects"
     if assessment.rejects and not assessment.tests:
         clause = "the residuals do not agree with the stated noise and bench"
     yield f"{clause[0].upper()}{clause[1:]}."

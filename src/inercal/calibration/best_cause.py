@@ -16,6 +16,11 @@ useful remedy is then chosen, in this order: a coefficient that the method can e
 a change during the run, a row, other coefficients. Between two stated quantities, the quantity that
 differs from its stated value by fewer standard deviations is chosen.
 
+A run file may treat random errors of the bench as zero, such as changes of the gyros' biases from
+setting to setting. Such errors replace a coefficient or a drift whose effect they include, unless
+their other directions would be exceptionally small (F test). This is the safe choice: if the errors
+are then stated, U includes the effect.
+
 An advisor says what to do about such a cause.
 """
 # SciPy has no stubs.
@@ -48,6 +53,7 @@ CHANGE_PREFIX = "change "  # start of the name of a candidate for a change withi
 _KIND_ORDER: tuple[CandidateKind, ...] = ("bench", "time", "row", "coefficient")
 _EQUIVALENT_CHI2 = 4.0  # difference of χ²: two standard deviations of one direction
 _INCREDIBLE = 30.0  # standard deviations of a stated value
+_LEAST_CHANCE = 0.01  # that random errors are as uneven
 _MIN_P_VALUE = 1e-280  # smaller probabilities are computed from an asymptotic formula
 
 
@@ -190,6 +196,8 @@ def find_best_cause(
         key=lambda score: score.departure,
         default=first,
     )
+    scatter = [score for score in convincing if _may_include(score, first)]
+    first = min(scatter, key=lambda score: logs[score.name], default=first)
     related = {one for one in score_tests.scores if set(one.components) & set(first.components)}
     alike = [
         one
@@ -243,6 +251,17 @@ def _is_loop(one: ScoreTest, other: ScoreTest) -> bool:
     return any(name.startswith(HYSTERESIS) for name in names) and (
         abs(one.chi2 - other.chi2) < _EQUIVALENT_CHI2
     )
+
+
+def _may_include(score: ScoreTest, cause: ScoreTest) -> bool:
+    """Return whether unstated random errors of the bench may be what looks like another cause."""
+    further = score.dof - cause.dof
+    if score.kind != "bench" or cause.kind not in ("coefficient", "time") or further <= 0:
+        return False
+    if score.stated_sds is None or score.stated_sds.any() or cause.cosine(score) < PARALLEL_COSINE:
+        return False
+    ratio = (max(score.chi2 - cause.chi2, 0.0) / further) / (cause.chi2 / cause.dof)
+    return float(scipy.special.fdtr(further, cause.dof, ratio)) > _LEAST_CHANCE
 
 
 def _remaining_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:

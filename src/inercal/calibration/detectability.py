@@ -26,7 +26,7 @@ from math import nan, sqrt
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.keys import CoefficientName
+from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
 from inercal.estimation import Estimate, ScoreTest
 from inercal.physics.sensors import Sensor
@@ -110,20 +110,26 @@ def undetectable_exact_parameters(
     estimate, sensor
         See `undetectable_causes`.
     expected : mapping of str to Parameter
-        Stated parameters of the bench, by full name.
+        Stated parameters of the bench, by full name. A parameter that is not among them is exact
+        if the run file does not state it.
     """
     exact = [
         one
         for one in estimate.score_tests.scores
         if one.kind == "bench"
+        and one.stated_sds is not None
+        and not one.stated_sds.any()
         and all(
-            name in expected and expected[name].sd == 0 and expected[name].scope != "position"
-            for name in one.components
+            name not in expected or expected[name].scope != "position" for name in one.components
         )
     ]
     shifts = _largest_shifts(exact, estimate.std[: len(sensor.coefficients)])
     pairs = zip(exact, shifts, strict=True)
-    return tuple(one.name for one, moved in pairs if _is_undetectable(one, moved))
+    return tuple(
+        dict.fromkeys(
+            ErrorName(one.name).name for one, moved in pairs if _is_undetectable(one, moved)
+        )
+    )
 
 
 def _is_undetectable(score: ScoreTest, moved: float) -> bool:

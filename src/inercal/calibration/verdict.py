@@ -41,6 +41,7 @@ from inercal.calibration.grade import (
     is_far_from_nominal,
     two_digits,
 )
+from inercal.calibration.plausible_sizes import implausible_sizes
 from inercal.calibration.suspect_text import (
     alternatives,
     bench_words,
@@ -164,12 +165,18 @@ def verdict(
         A sentence on the coefficients that the run added automatically. It becomes the second line.
     """
     advisor = advisor or PlainAdvisor(possible, row_word)
+    findings = (*findings, *implausible_sizes(estimate, sensor))
     assessment = assess(estimate, len(sensor.coefficients), possible)
     row = _dominant_row(estimate, assessment)
     far = dict(_scale_errors(estimate, sensor, row))
     graded = grade_estimate(estimate, sensor, assessment, findings, tuple(far))
     unseen = _undetectable(estimate, sensor, assessment)
-    exact = undetectable_exact_parameters(estimate, sensor, expected)
+    shown = "" if assessment.suspect is None else assessment.suspect.name
+    exact = [
+        name
+        for name in undetectable_exact_parameters(estimate, sensor, expected)
+        if name != shown.partition("[")[0]
+    ]
     known = next((_CAUSES[one.what] for one in findings if one.what in _CAUSES), "")
     steps = [
         *(() if known else _steps_on_cause(assessment, advisor, tuple(far), row_word, row)),

@@ -18,6 +18,8 @@ _MANY = 5000  # with more rows than this, they are reduced to fewer dimensions
 _VISIBLE = 3.0  # η at the largest plausible size; below this, a candidate is not scored
 # Smallest share of a candidate's column that must remain in the residuals
 _MIN_RESIDUAL_SHARE = 1e-6
+# A direction of bench errors is open if the data show it 30 times less than another one.
+_MIN_DIRECTION_SHARE = 1 / 30
 
 
 def score_tests(
@@ -177,7 +179,9 @@ def _score_tests(
     list of t lists of c ScoreTest, and the directions that they detect, (t, c, m, d), or zero.
     """
     u, s, v = svds(left)
-    shown = s > np.maximum(_MIN_RESIDUAL_SHARE * longest, visible)[..., None]
+    bench = np.array([one.kind == "bench" for one in some])
+    least = np.maximum(_MIN_RESIDUAL_SHARE * longest, visible)
+    shown = s > np.maximum(least, bench * _MIN_DIRECTION_SHARE * s[..., 0])[..., None]
     inverse = np.where(shown, 1 / np.where(shown, s, 1.0), 0.0)
     u = u * shown[..., None, :]
     v = v * shown[..., None]
@@ -191,6 +195,11 @@ def _score_tests(
         shifts = further + (shifts if shifts.size else 0.0)
     seen: Bools = np.asarray(np.any(shown, axis=-1))
     one_shift = (shifts @ size[..., None])[..., 0]
+    # Errors of a bench have random sizes, so their open directions have the deviation of the others
+    typical = np.linalg.norm(size, axis=-1) / np.sqrt(np.maximum(np.sum(shown, axis=-1), 1))
+    hidden = shifts - (shifts @ np.swapaxes(v, -1, -2)) @ v
+    scatter = bench[:, None] * typical[..., None] * np.linalg.norm(hidden, axis=-1)
+    one_shift = np.copysign(np.hypot(one_shift, scatter), one_shift)
     shift = np.where(seen[..., None], one_shift, np.linalg.norm(shifts, axis=-1))
     open_ = np.linalg.norm(v, axis=-2) < 1 - 1e-6
     explained = (columns @ size[..., None])[..., 0]

@@ -219,6 +219,8 @@ def section_deviation(
     """Return a standard deviation stated in the section, SI."""
     key, text = f"[bench] {name}", getattr(section, name)
     value = non_negative_value(text, like, key)
+    if like == "1" and value > 1:
+        raise key_error(key, f"{text!r} is {100 * value:g} %; state its unit, such as ppm or %")
     if limit is not None and value > limit.value:
         raise key_error(key, f"{text!r} is more than {limit.meaning}; check the value and its unit")
     return value

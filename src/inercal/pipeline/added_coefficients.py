@@ -2,7 +2,7 @@
 
 The run follows the advice of the verdict as long as two conditions are met: the tests reject the
 model, and the best tested cause is a group of coefficients that the method can estimate. The new
-fit must confirm an addition: χ² must decrease as the score predicted (`RunAdvisor.on_cause`), and
+fit must confirm an addition: it must explain what the score predicted (`RunAdvisor.on_cause`), and
 the coefficients x with covariance C must differ significantly from zero. The statistic for this is
 W = xᵀC⁻¹x, at the significance level of all tests together. The score tests divide this level among
 all candidates, so a correct model is extended in less than 1 % of runs.
@@ -14,14 +14,12 @@ Temperature coefficients are never added; [method] temperature_order chooses the
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from inercal.calibration.additions import Addition
 from inercal.calibration.best_cause import SuspectedCause, familywise_p_value
 from inercal.calibration.detectability import coefficient_definition
 from inercal.calibration.grade import assess
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL, chi2_tail_probability
-from inercal.pipeline.advisor import RunAdvisor
+from inercal.pipeline.advisor import RunAdvisor, wald_statistic
 from inercal.pipeline.outcome import FittedRun
 
 MOST_ADDITIONS = 5
@@ -108,10 +106,8 @@ def _groups(
 
 def _is_significant(cause: SuspectedCause, fitted: FittedRun, larger: FittedRun) -> bool:
     """Return whether added coefficients differ significantly from zero in the new fit."""
-    tests, estimate = fitted.estimate.score_tests, larger.estimate
+    tests = fitted.estimate.score_tests
     score = next(one for one in tests.scores if one.name == cause.name)
-    at = [estimate.names.index(name) for name in cause.components]
-    x, covariance = estimate.value[at], estimate.stated_covariance[np.ix_(at, at)]
-    wald = float(x @ np.linalg.solve(covariance, x))
-    p = chi2_tail_probability(wald, len(at), tests.noise_dof)
+    wald = wald_statistic(larger.estimate, cause.components)
+    p = chi2_tail_probability(wald, len(cause.components), tests.noise_dof)
     return familywise_p_value(tests, score, p) < SIGNIFICANCE_LEVEL

@@ -18,7 +18,7 @@ from inercal.basics.keys import PRIOR_OF, CoefficientName, ErrorName
 from inercal.basics.run_file_advice import Advice, Change, with_changes
 from inercal.basics.units import Measured, format_value_and_uncertainty, si_factor
 from inercal.benches.key_declarations import declarations
-from inercal.calibration.best_cause import SuspectedCause, action_on, also
+from inercal.calibration.best_cause import SuspectedCause, action_on, also, changes_text
 from inercal.estimation import Estimate
 from inercal.pipeline.outcome import FittedRun
 from inercal.runfile import Run, from_sections
@@ -59,21 +59,44 @@ class RunAdvisor:
         self._possible = fitted.run.method.possible(fitted.run.sensor)
         self.row_word, self._fit = row_word, fit
         self._tried: dict[str, FittedRun | None] = {}
+        self._refused: dict[str, str] = {}  # key that an error names, by change
 
     def on_cause(self, cause: SuspectedCause) -> Advice:
         """Return keys that make the model include a cause, or else an action at the bench."""
         before, best = self._estimate.score_tests.chi2, None
+        least = _ENOUGH * cause.chi2 - cause.dof
         for changes in self._alternatives(cause):
             completed = self._completed(changes)
             after = self._chi2_after(completed)
-            if after is None or before - after < _ENOUGH * cause.chi2 - cause.dof:
+            if after is None or self._explained(cause, before - after, completed) < least:
                 continue
             # Fewer keys are preferred, unless more keys explain more.
             if best is None or best.chi2 is None or after < best.chi2 - _SAME:
                 best = Advice(cause.name, completed, chi2=after)
             if after < cause.remaining_chi2 + _SAME:
                 break
-        return best or Advice(cause.name, action=action_on(cause, self.row_word))
+        return best or Advice(cause.name, action=self._action(cause))
+
+    def _explained(self, cause: SuspectedCause, drop: float, changes: tuple[Change, ...]) -> float:
+        """Return the χ² that a cause explains in the changed run, whose χ² is smaller by `drop`.
+
+        If the noise comes from the data, it also decreases in a better fit, and the χ² of both fits
+        do not have the same unit. The coefficients are then compared with their covariance.
+        """
+        estimate = self._estimate_after(changes)
+        measured = np.isfinite(self._estimate.noise_dof) and cause.kind == "coefficient"
+        if estimate is None or drop <= 0 or not measured:
+            return drop
+        return max(drop, wald_statistic(estimate, cause.components))
+
+    def _action(self, cause: SuspectedCause) -> str:
+        """Return what to do about a cause that no change of existing keys can include."""
+        for changes in self._alternatives(cause) if cause.kind == "coefficient" else ():
+            key = self._refused.get(repr(completed := self._completed(changes)), "")
+            section, _, name = key.removeprefix("[").partition("] ")
+            if name and name not in self._run.sections.get(section, {}):
+                return f"state {key}, and set in the run file: {changes_text(completed)}"
+        return action_on(cause, self.row_word)
 
     def on_coefficients(self, names: Sequence[str]) -> Advice | None:
         """Return the key that makes the method estimate undetectable coefficients, if it can."""
@@ -132,8 +155,9 @@ class RunAdvisor:
         if key not in self._tried:
             try:
                 self._tried[key] = self._fit(changed_run(self._run, changes))
-            except InercalError:
+            except InercalError as error:
                 self._tried[key] = None
+                self._refused[key] = getattr(error, "key", None) or ""
         fitted = self._tried[key]
         return None if fitted is None else fitted.estimate
 
@@ -272,6 +296,13 @@ class RunAdvisor:
             for name, unit in zip(score.components, score.units, strict=True)
             if name == full
         )
+
+
+def wald_statistic(estimate: Estimate, names: Sequence[str]) -> float:
+    """Return xᵀC⁻¹x of coefficients x with covariance C, which is χ² if they are zero."""
+    at = [estimate.names.index(name) for name in names]
+    x, covariance = estimate.value[at], estimate.stated_covariance[np.ix_(at, at)]
+    return float(x @ np.linalg.solve(covariance, x))
 
 
 def changed_run(run: Run, changes: tuple[Change, ...]) -> Run:

@@ -49,6 +49,7 @@ from inercal.pipeline.temperature_fit import (
 )
 from inercal.recordings import Finding, merge_findings
 from inercal.recordings.data import EstimatorInput
+from inercal.recordings.io.mean_tables import check_repeated_rows
 from inercal.recordings.io.rest_norm import check_zero_rates
 from inercal.runfile import Run
 
@@ -98,6 +99,9 @@ def _fitted(
     observations, findings = inputs.observations, (*run.findings, *inputs.findings)
     zero_rates = check_zero_rates(observations, sensor, inputs.steps, run.priors, run.data.gyro)
     findings += zero_rates
+    reported = any(one.what == "repeated" for one in inputs.findings)
+    if inputs.recording is None and observations.track is None and not reported:
+        findings += check_repeated_rows(observations, sensor)
     solver_sensor = inputs.sensor_of_samples(sensor)
     if thermal is not None:
         findings += thermal.findings

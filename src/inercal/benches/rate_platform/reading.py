@@ -71,7 +71,12 @@ def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
 def _refuse_unused_errors(
     run: RunBase[RatePlatformData], bench: RatePlatform, steps: Sequence[PlatformStep]
 ) -> None:
-    names = {p.name for p in bench.nuisances(steps, run.sensor).values()}
+    sensor = run.sensor
+    if run.adds_coefficients and bench.arm is not None:  # the arm acts if `g` is added
+        with_g = sensor.select_axes("w").with_coefficients("g").coefficients
+        free = dict.fromkeys((*sensor.coefficients, *with_g))
+        sensor = replace(sensor, coefficients=tuple(free))
+    names = {p.name for p in bench.nuisances(steps, sensor).values()}
     turns = any(isinstance(step, RateDwell) and step.rate for step in steps)
     why, also = ("", "") if turns else ("no row turns, so ", "measure at several rates, or ")
     for name, one in STATED.items():

@@ -282,6 +282,11 @@ class RunBase(Generic[D]):
     magnetometer: Sensor | None = None
 
     @property
+    def adds_coefficients(self) -> bool:
+        """Whether score tests may add coefficients to those of the sensor."""
+        return False
+
+    @property
     def whole_sensor(self) -> Sensor:
         """The sensor with all of its axes and coefficients; the magnetometers come last."""
         return self.sensor if self.magnetometer is None else self.sensor.beside(self.magnetometer)

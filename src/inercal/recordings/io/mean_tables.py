@@ -20,7 +20,7 @@ from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty.rounding import last_digit
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Axis, Sensor
-from inercal.recordings import Observations, ReadingSteps, add_rounding
+from inercal.recordings import Finding, Observations, ReadingSteps, add_rounding
 from inercal.recordings.io.column_table import TOO_LARGE, Table, shorten
 from inercal.recordings.io.read import Columns, read_table
 from inercal.recordings.rounding_errors import NOISY
@@ -29,6 +29,8 @@ _FEW_DIGITS = 3  # units of the last digit; means that differ by less may be equ
 _OF_NOISE = 0.01  # share of a mean's variance, below which rounding to the last digit is ignored
 _ONE_DIGIT = 0.1  # of the largest mean: whole numbers such as 1 and 0 g are not what was read
 _ROWS = 4  # in tables with fewer rows, means may agree to the last digit
+_BY_CHANCE = 1e-3  # expected number of equal pairs, below which equal rows are copies
+_DIGITS, _LEAST = 12, 1e-300  # digits that survive the conversion to SI, and a mean that is not 0
 SD_SUFFIX = "_sd"  # suffix of the column with a column's standard deviation
 
 _OPEN_CELL = "write the mean, go on with inercal measure,"  # before "or remove the row"
@@ -183,6 +185,34 @@ def observations_from_table(
         notes=notes,
         timed=False,
         temperature=temperature,
+    )
+
+
+def check_repeated_rows(observations: Observations, sensor: Sensor) -> tuple[Finding, ...]:
+    """Return a warning for rows whose means are exactly equal on all axes, and are then copies.
+
+    Means with few digits may be equal by chance. Two means with a standard deviation σ, written in
+    steps q ≪ σ, are equal with a probability of q / (2 √π σ).
+    """
+    mean, rows = observations.mean, len(observations.labels)
+    sd = np.sqrt(np.diagonal(observations.covariance, axis1=-2, axis2=-1)).mean(axis=0)
+    chance = rows**2 / 2
+    for axis, one, own in zip(sensor.axes, mean.T, sd.tolist(), strict=True):
+        written = one * axis.readout.scale
+        digits = _DIGITS - int(np.ceil(np.log10(np.abs(written).max() + _LEAST)))
+        step = last_digit(np.round(written, digits)) / abs(axis.readout.scale)
+        chance *= min(1.0, step / (2 * np.sqrt(np.pi) * own + _LEAST))
+    _, first, counts = np.unique(mean, axis=0, return_inverse=True, return_counts=True)
+    alike = (np.flatnonzero(first.ravel() == k).tolist() for k in np.flatnonzero(counts > 1))
+    return tuple(
+        Finding(
+            "warning",
+            "copies",
+            f"{' and '.join(observations.labels[k] for k in copies)} have exactly the same "
+            "readings; remove the copy",
+        )
+        for copies in alike
+        if chance < _BY_CHANCE
     )
 
 
