@@ -52,7 +52,7 @@ MISTAKES = {
     "accelerometers exchanged": (EXCHANGED, np.eye(3), ("ax and ay are exchanged",)),
     "°/s": (np.eye(3), np.eye(3) / DEGREE, ("the gyros' unit is °/s",)),
     "rad/s": (np.eye(3), np.eye(3) * DEGREE, ("the gyros' unit is rad/s",)),
-    "m°/s": (np.eye(3), 1e-3 * np.eye(3), ("the gyros' readings are multiplied by 1000",)),
+    "m°/s": (np.eye(3), 1e-3 * np.eye(3), ("the gyros' readings are multiplied by about 1000",)),
 }
 
 
