@@ -42,7 +42,7 @@ CASES: dict[str, BadInput] = {
     "plan of a recording": refused("plan @log.csv", "log.csv", ".toml"),
     "plan without positions": refused("plan multi-position --positions 0", "--positions"),
     "plan of a million positions": refused(
-        "plan multi-position --positions 1000000", "[method] positions", "1000000"
+        "plan multi-position --positions 1000000", "--positions", "1000000"
     ),
     "plan of no time": refused("plan multi-position --seconds nan", "--seconds", "nan"),
     "plan of two run files": refused("plan @run.toml --run @imu.toml", "--run"),

@@ -204,7 +204,7 @@ def listed(labels: Sequence[str]) -> str:
 
 @pytest.mark.parametrize(("rate", "fits"), [("1000 Hz", False), (f"{1.1 * HZ:g} Hz", True)])
 def test_a_stated_rate_must_agree_with_the_times(tmp_path: Path, rate: str, fits: bool):
-    written(tmp_path / "log.csv", np.zeros((600, 3)) + np.arange(600)[:, None] % 7)
+    written(tmp_path / "log.csv", np.zeros((600, 3)) + np.arange(600)[:, None] % [7, 11, 13])
     run = run_of(tmp_path, f'rate = "{rate}"\n{listed(["z 0 °/s"])}')
     if fits:
         assert load_recording(run).rate_hz == pytest.approx(HZ)

@@ -127,7 +127,12 @@ def test_a_drift_with_the_temperature_is_fitted_in_blocks_as_at_once(n: int, tmp
     rate = draw(replace(MEMS, n=n), 8)[0]
     celsius = 25 + 8 * np.sin(2 * np.pi * np.arange(n) / n) + 0.01 * np.arange(n) / n
     slope = 20 * MEMS.unit
-    columns = {"time": MEMS.dt * np.arange(n), "gx": rate + slope * celsius, "gy": rate, "gz": rate}
+    columns = {
+        "time": MEMS.dt * np.arange(n),
+        "gx": rate + slope * celsius,
+        "gy": rate,
+        "gz": -rate,
+    }
     path = tmp_path / "log.npz"
     np.savez(path, **columns, temperature=celsius)
     whole = analyse_noise(read_rest_recording(path, UNIT), terms="NBK", kinds=()).channels
