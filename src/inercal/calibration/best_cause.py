@@ -54,6 +54,7 @@ _KIND_ORDER: tuple[CandidateKind, ...] = ("bench", "time", "row", "coefficient")
 _EQUIVALENT_CHI2 = 4.0  # difference of χ²: two standard deviations of one direction
 _INCREDIBLE = 30.0  # standard deviations of a stated value
 _LEAST_CHANCE = 0.01  # that random errors are as uneven
+_FEWEST_MORE = 3  # further directions; fewer do not show whether errors are random
 _MIN_P_VALUE = 1e-280  # smaller probabilities are computed from an asymptotic formula
 
 
@@ -256,7 +257,7 @@ def _is_loop(one: ScoreTest, other: ScoreTest) -> bool:
 def _may_include(score: ScoreTest, cause: ScoreTest) -> bool:
     """Return whether unstated random errors of the bench may be what looks like another cause."""
     further = score.dof - cause.dof
-    if score.kind != "bench" or cause.kind not in ("coefficient", "time") or further <= 0:
+    if score.kind != "bench" or cause.kind not in ("coefficient", "time") or further < _FEWEST_MORE:
         return False
     if score.stated_sds is None or score.stated_sds.any() or cause.cosine(score) < PARALLEL_COSINE:
         return False
