@@ -101,7 +101,7 @@ def test_a_second_file_is_read_ahead_with_the_same_result(
 ):
     first, other = written(tmp_path, ".npz", 2)
     with np.load(first) as columns:
-        WRITERS[".npz"](other, {**columns, "x": columns["y"]})
+        WRITERS[".npz"](other, {**columns, "x": -columns["x"], "y": -columns["y"]})
     second = (("u", "x", "°/s"), ("v", "y", "°/s"))
     columns = replace(COLUMNS, second=second, second_time=second_time)
 

@@ -15,9 +15,9 @@ CHANNELS = (("x", "ax", "g"), ("y", "ay", "g"))
 N = 400
 
 
-def log(folder: Path, times: list[str], name: str = "time") -> Path:
+def log(folder: Path, times: list[str], name: str = "time", seed: int = 1) -> Path:
     """Write a log with these times beside two channels of noise."""
-    data = np.random.default_rng(1).normal(size=(len(times), 2))
+    data = np.random.default_rng(seed).normal(size=(len(times), 2))
     rows = [f"{t},{x:.6f},{y:.6f}" for t, (x, y) in zip(times, data.tolist(), strict=True)]
     path = folder / "run.csv"
     path.write_text("\n".join([f"{name},ax,ay", *rows]) + "\n", encoding="utf-8")
@@ -163,9 +163,9 @@ def test_dates_of_two_files_of_one_recording_are_compared(tmp_path: Path):
     (tmp_path / "b").mkdir()
     first = log(tmp_path, [iso(k) for k in range(N)])
     columns = Columns(CHANNELS, time="time", second=(("p", "ax", "g"), ("q", "ay", "g")))
-    same = log(tmp_path / "b", [iso(k) for k in range(N)])
+    same = log(tmp_path / "b", [iso(k) for k in range(N)], seed=2)
     assert read_recording(first, columns, second=same).time[-1] == pytest.approx((N - 1) / 100)
-    later = log(tmp_path / "b", [iso(k + 100) for k in range(N)])
+    later = log(tmp_path / "b", [iso(k + 100) for k in range(N)], seed=2)
     with refused(file="run.csv", line=2):
         read_recording(first, columns, second=later)
 

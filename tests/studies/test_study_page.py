@@ -206,4 +206,5 @@ def test_an_unknown_study_is_one_line_and_status_2(
     assert stop.value.code == 2
     assert out == ""
     names = "centrifuge, dual-orthogonal, one-sensor, ship-model, turntable"
-    assert err.strip() == f"inercal: no study 'ferris'; the studies are {names}"
+    assert err.startswith(f"inercal: no study 'ferris'; the studies are {names}")
+    assert err.count("\n") == 1

@@ -175,7 +175,7 @@ def verdict(
     exact = [
         name
         for name in undetectable_exact_parameters(estimate, sensor, expected)
-        if name != shown.partition("[")[0]
+        if name != ErrorName(shown).name
     ]
     known = next((_CAUSES[one.what] for one in findings if one.what in _CAUSES), "")
     steps = [
