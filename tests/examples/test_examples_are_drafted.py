@@ -30,8 +30,15 @@ class Example(NamedTuple):
     stated: dict[str, str]
     method: str
     run_file: str = ""
+    added: str = ""  # sections that a draft leaves to the user
 
 
+SOAKS = """
+[environment]
+kind = "soaks"
+temperature_sd = "0.1 K"
+accelerometer_repeatability = "50 µg"
+"""
 GYRO_RATES = {
     "bench.latitude": "50 °",
     "bench.rate_scale": "5 ppm",
@@ -102,7 +109,7 @@ CASES = [
     Example("hand_held.csv", {}, "multi_position", "hand_held/simulated"),
     Example("recording.csv", {}, "ferraris", "ferraris_simulated/run"),
     Example("ramp.npz", RAMP, "temperature_ramp", "temperature/ramp"),
-    Example("soaks.npz", {}, "six_position", "temperature/soaks"),
+    Example("soaks.npz", {}, "six_position", "temperature/soaks", SOAKS),
     Example("arm_run.csv", ARM, "centrifuge_norm", "centrifuge/arm_run"),
     Example("pair.csv", {}, "dual_orthogonal", "dividing_head/pair"),
     Example("ship_recording.csv", {}, "ship_multi_angle", "rate_table/ship_recording"),
@@ -180,7 +187,7 @@ def test_an_example_is_drafted_and_calibrates(case: Example, tmp_path: Path):
     assert not draft.questions
     if own is not None and simulated:
         require_names_and_units(draft, own)
-    draft.path.write_text(draft.text, encoding="utf-8")
+    draft.path.write_text(draft.text + case.added, encoding="utf-8")
     drafted = read(draft.path)
     assert drafted.method.name == case.method
     found = calibrate(drafted)
