@@ -180,7 +180,7 @@ def test_nothing_is_written_of_a_refused_channel(tmp_path: Path):
     truth = FilteredTruth("pole", 0.1, 20, seconds=900, flicker=10.0)
     y = readings(truth, 1)
     log, target = tmp_path / "log.csv", tmp_path / "run.toml"
-    table = np.column_stack([truth.dt * np.arange(y.size), y, y, y])
+    table = np.column_stack([truth.dt * np.arange(y.size), y, -y, y[::-1]])
     np.savetxt(log, table, "%.9g", ",", header="time,gx,gy,gz", comments="")
     options = ("--set", "sensor.gyro.unit=°/s", "--out", tmp_path)
     register = ("--register", tmp_path / "r.db", "--sensor", "imu")
