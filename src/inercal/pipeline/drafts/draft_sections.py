@@ -374,7 +374,7 @@ def facts(
         spans = rests.spans
         samples = int((spans[:, 1] - spans[:, 0]).sum())
         count = format_count(len(spans), "section")
-        turning = format_count(np.count_nonzero(roles.rates), "section")
+        turning = format_count(int(np.count_nonzero(roles.rates)), "section")
         facts += [f"{turning} at the rates that their names state"] * bool(roles.rates)
         if 0.0 in roles.rates or not roles.rates:
             facts.append(f"{count} at rest, {samples} of {table.rows} samples")

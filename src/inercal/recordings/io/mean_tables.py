@@ -198,9 +198,10 @@ def check_repeated_rows(observations: Observations, sensor: Sensor) -> tuple[Fin
     sd = np.sqrt(np.diagonal(observations.covariance, axis1=-2, axis2=-1)).mean(axis=0)
     chance = rows**2 / 2
     for axis, one, own in zip(sensor.axes, mean.T, sd.tolist(), strict=True):
-        written = one * axis.readout.scale
+        written: Array = one * axis.readout.scale
         digits = _DIGITS - int(np.ceil(np.log10(np.abs(written).max() + _LEAST)))
-        step = last_digit(np.round(written, digits)) / abs(axis.readout.scale)
+        rounded: Array = np.round(written, digits)
+        step = last_digit(rounded) / abs(axis.readout.scale)
         chance *= min(1.0, step / (2 * np.sqrt(np.pi) * own + _LEAST))
     _, first, counts = np.unique(mean, axis=0, return_inverse=True, return_counts=True)
     alike = (np.flatnonzero(first.ravel() == k).tolist() for k in np.flatnonzero(counts > 1))
