@@ -2,7 +2,7 @@
 
 If a plan leaves few or no degrees of freedom, a wrong reading shows in no residual, but the terms
 beyond bias, scale factor and misalignment become large. In healthy MEMS sensors, these terms change
-the reading by at most .2 % of 1 g or 1 rad/s, at 1 g or 1 rad/s. The limit is ten times as large.
+the reading by at most 0.2 % of 1 g or 1 rad/s, at 1 g or 1 rad/s. The limit is ten times as large.
 """
 
 from collections.abc import Iterator

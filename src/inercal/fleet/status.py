@@ -154,7 +154,7 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
 def table_status(line: Line, table: results.Table) -> LineStatus:
     """Return the status of a line from its valid results (`latest_results`)."""
     pc: Any = import_module("pyarrow.compute")
-    # A verdict is long, so those of consistent results are not converted.
+    # Verdicts are long texts, so only those of the doubtful results are converted.
     doubtful = table.filter(pc.field("grade") != "consistent")
     why: dict[str, dict[str, str]] = {grade: {} for grade in GRADE_WORDS}
     for row in doubtful.select(["id", "grade", "verdict"]).to_pylist():
