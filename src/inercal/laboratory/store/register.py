@@ -239,9 +239,10 @@ class Register(Closeable):
             See `enter_calibration`. The error is also raised if a registered calibration has
             another date that was stated earlier or comes from its run.
         """
-        result = [make_document(source) for source in sources]
         if measured is not None:
             stated_time(measured, example=" or 2026-03-01T14:30:00+01:00")
+        result = [make_document(source) for source in sources]
+        if measured is not None:
             for one in result:
                 insertions.require_possible_date(one, measured)
         kinds = [_bench_kind(one.calibration) for one in result]
