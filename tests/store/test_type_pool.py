@@ -12,10 +12,10 @@ from tests.refusals import refused
 from tests.store.calibration_generator import G0, IMU, Truth, content, hashed, write
 
 from inercal.basics.errors import InputError
-from inercal.laboratory.store import Register
+from inercal.laboratory.store import Register, SensorHistory
 from inercal.laboratory.store.history import CoefficientTrend
 from inercal.laboratory.store.recalibration import recalibration
-from inercal.laboratory.store.type_pool import pool_of_histories, type_pool
+from inercal.laboratory.store.type_pool import pool_of_histories, pooled_change, type_pool
 
 SPREAD = 60e-6 * G0  # of drifts a year from sensor to sensor
 LIMIT = 0.4e-3 * G0
@@ -54,7 +54,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_a_new_sensor_takes_its_first_interval_from_the_sensors_of_its_type(address: str):
     with Register(address) as register:
         history = register.history("NEW")
-        pool = type_pool(register, history)
+        pool = type_pool(register, history, only=("ax.k0",))
     assert pool is not None
     assert pool.type_name == "Q-Flex QA 2000"
     # TWICE has two calibrations, and belongs to the type; STRANGE is of another model.
@@ -81,7 +81,7 @@ def test_without_its_type_a_new_sensor_has_no_interval(address: str):
     with Register(address) as register:
         history = register.history("NEW")
         assert type_pool(register, register.history("UNKNOWN")) is None
-        named = type_pool(register, history, ["IMU-0", "IMU-1"])
+        named = type_pool(register, history, ["IMU-0", "IMU-1"], only=("az.k0",))
         assert named is not None
         assert named.sensors == ("IMU-0", "IMU-1")
         with refused(InputError) as refusal:
@@ -94,25 +94,49 @@ def test_without_its_type_a_new_sensor_has_no_interval(address: str):
     assert recalibration(history, {"ax.k0": "0.4 mg"}).years is None
 
 
-def test_a_sensor_that_scatters_more_than_its_type_is_not_pooled(address: str):
+def _moved(history: SensorHistory, axis: str, steps: list[float]) -> SensorHistory:
+    """Return a history with steps (g) added to the bias of one axis."""
+    added = G0 * np.array(steps)
+    trends = (
+        replace(one, values=one.values + added) if one.name == f"{axis}.k0" else one
+        for one in history.trends
+    )
+    return replace(history, trends=tuple(trends))
+
+
+def test_a_sensor_that_scatters_more_than_its_type_is_not_pooled_on_any_axis(address: str):
     with Register(address) as register:
-        history = register.history("TWICE")
-        pool = type_pool(register, history)
-        assert pool is not None
-        moved = replace(
-            history,
-            trends=tuple(
-                replace(one, values=one.values + np.array([0.0, 0.05]))
-                if one.name == "ax.k0"
-                else one
-                for one in history.trends
-            ),
+        others = [register.history(f"IMU-{n}") for n in range(5)]
+        moved = _moved(register.history("TWICE"), "ax", [0.0, 0.005])
+    pool = pool_of_histories(moved, others, only=("ay.k0", "ax.k1"))
+    assert pool is not None
+    found = recalibration(moved, {"bias": "0.4 mg", "ax.k1": "1 %"}, pool=pool)
+    for one in found.rows:
+        assert one.is_apart == one.name.endswith(".k0")
+        assert (one.prediction is None) == one.is_apart
+    assert found.pool is not None
+
+
+def test_a_drifting_and_a_scattering_sensor_do_not_change_the_pool_of_the_others(address: str):
+    with Register(address) as register:
+        own = register.history("NEW")
+        good = [register.history(f"IMU-{n}") for n in range(4)]
+        drifting = _moved(register.history("IMU-4"), "ax", [0.0, 0.001, 0.002, 0.003])
+        scattering = _moved(register.history("IMU-5"), "ay", [0.0, 0.001, 0.0, 0.001])
+    only = ("ax.k0", "ax.k1")
+    clean = pool_of_histories(own, good, only=only)
+    mixed = pool_of_histories(own, [drifting, *good, scattering], only=only)
+    assert clean is not None
+    assert mixed is not None
+    for name in ("ax.k0", "ay.k0", "az.k0"):
+        change = mixed.changes[name]
+        assert sorted(change.apart) == ["IMU-4", "IMU-5"]
+        assert change.expanded_after(0.0, 0.0, 1.0) == pytest.approx(
+            clean.changes[name].expanded_after(0.0, 0.0, 1.0)
         )
-        found = recalibration(moved, {"bias": "0.4 mg"}, pool=pool)
-    by_name = {one.name: one for one in found.rows}
-    assert by_name["ax.k0"].is_apart
-    assert by_name["ax.k0"].prediction is None
-    assert by_name["ay.k0"].sensors == OTHERS + 1
+    assert mixed.changes["ax.k1"].apart == ()
+    (row,) = recalibration(own, {"ax.k0": "0.4 mg"}, pool=mixed).rows
+    assert row.sensors == 4
 
 
 @pytest.mark.slow
@@ -160,6 +184,18 @@ def _trend(rng: np.random.Generator, count: int, tau: float, q: float, b: float)
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("seed", [1, 5, 10])
+def test_a_random_walk_does_not_replace_the_scatter_of_a_type(seed: int):
+    """Four sensors only scatter and one drifts: a random walk would explain all their changes."""
+    rng = np.random.default_rng(seed)
+    t, u = np.arange(4.0), np.full(4, 0.1)
+    trends = [
+        CoefficientTrend("ax.k0", "", "g", 1.0, (0, 1, 2, 3), t, values, u, u[1:], np.zeros((4, 4)))
+        for values in (rng.standard_normal(4) + drift * t for drift in (0, 0, 0, 0, 4))
+    ]
+    assert pooled_change(trends).expanded_after(0.0, 0.0, 0.0) > 0.5 * 2 * np.sqrt(2)
+
+
 @pytest.mark.parametrize(("tau", "q", "b"), [evidence(1, 0, 0), (0.5, 0, 1), evidence(0.5, 1, 0)])
 @pytest.mark.parametrize(("count", "least", "most"), [(2, 0.895, 1.0), (3, 0.895, 0.985)])
 @pytest.mark.slow
@@ -170,8 +206,6 @@ def test_u_after_an_interval_covers_the_next_use_of_another_sensor(
 
     With two calibrations each drift and scatter cannot be distinguished: U is larger.
     """
-    from inercal.laboratory.store.type_pool import pooled_change
-
     rng = np.random.default_rng(seed)
     types, ahead = 150, np.array([0.5, 1.0, 2.0])
     covered = np.zeros(3)

@@ -135,7 +135,11 @@ def history(
 ) -> None:
     """Show how a sensor's coefficients change, and when the next calibration is due."""
     from inercal.cli import store_view
-    from inercal.laboratory.store.recalibration import needs_pool, recalibration
+    from inercal.laboratory.store.recalibration import (
+        coefficient_limits,
+        needs_pool,
+        recalibration,
+    )
     from inercal.laboratory.store.type_pool import type_pool
 
     with open_register(register, create=False) as opened:
@@ -152,10 +156,12 @@ def history(
                 print(f"{entry.name}: no calibration yet")
         else:
             found = opened.history(sensor)
-            pool = type_pool(opened, found, like or ()) if like or needs_pool(found) else None
             chosen = found.select(coefficients or ())
             example = 'coefficient or group = largest U, "bias=1 mg"'
             limits = assignments(limit or (), "--limit", example)
+            pool = None
+            if like or needs_pool(found):
+                pool = type_pool(opened, found, like or (), coefficient_limits(chosen, limits))
             share = None if in_use is None else in_use / 100
             next_one = recalibration(chosen, limits, share, pool)
             content = store_view.history_object(chosen)

@@ -309,11 +309,18 @@ def _pool_lines(found: Recalibration) -> list[str]:
             f"{', '.join(found.pool.sensors)}; the sensor itself has "
             f"{format_count(count, 'calibration')}"
         )
+        rows = [one.name for one in found.rows if one.sensors]
+        for others in dict.fromkeys(found.pool.changes[one].apart for one in rows):
+            names = [one for one in rows if found.pool.changes[one].apart == others]
+            lines += [
+                f"{', '.join(names)}: not pooled with {', '.join(others)}, because they scatter or "
+                "drift more than the others"
+            ] * bool(others)
     apart = [one.name for one in found.rows if one.is_apart]
     if apart:
         lines.append(
-            f"{', '.join(apart)}: not pooled, because the sensor's own calibrations scatter "
-            "more than those of its type"
+            f"{', '.join(apart)}: not pooled, because the sensor's own calibrations scatter or "
+            "drift more than those of its type"
         )
     return lines
 

@@ -26,7 +26,7 @@ time in use
 
 The date follows from the prediction, but the house rule limits the interval to twice the longest
 interval so far. If a sensor has fewer than five calibrations, U(Δt) and the largest yearly change
-come from all sensors of its type (`type_pool`), unless its own calibrations scatter more.
+come from the sensors of its type (`type_pool`), unless its own calibrations scatter more.
 """
 
 # scipy has no type stubs.
@@ -92,8 +92,8 @@ class CoefficientInterval:
         Number of sensors from which prediction and chart are pooled; 0 if they come from the
         sensor's own calibrations.
     is_apart : bool
-        Whether the sensor's calibrations scatter differently from other sensors of its type. If so,
-        no pool is used.
+        Whether the sensor's similar axes change more than those of the other sensors of its type.
+        If so, no pool is used.
     expanded : float or None
         U predicted for a use just after the newest calibration, SI; None if there is no prediction.
     """
@@ -123,7 +123,7 @@ class Recalibration:
     in_use : float or None
         Fraction of the time during which the sensor is in use.
     pool : TypePool or None
-        The sensors of the same type, if any row is pooled from them.
+        The sensors of the same type from which rows are pooled, if any.
     """
 
     history: SensorHistory
@@ -227,6 +227,7 @@ def recalibration(
             limits[trend.name],
             None if pool is None else pool.changes.get(trend.name),
             [hours[k] for k in trend.points],
+            history.sensor.name,
         )
         for trend in history.trends
         if trend.name in limits
@@ -234,6 +235,8 @@ def recalibration(
     gaps = [float(np.diff(one.time).max()) for one in history.trends if one.time.size > 1]
     if pool is not None and any(one.sensors for one in rows):
         gaps.append(pool.longest)
+        used = {name for one in rows if one.sensors for name in pool.changes[one.name].members}
+        pool = replace(pool, sensors=tuple(one for one in pool.sensors if one in used))
     else:
         pool = None
     return Recalibration(history, rows, _LONGEST_RATIO * max(gaps, default=0.0), in_use, pool)
@@ -299,13 +302,14 @@ def _interval(
     limit: CoefficientLimit,
     pooled: PooledChange | None,
     hours: Sequence[float | None],
+    sensor: str,
 ) -> CoefficientInterval:
     gaps = np.diff(trend.time)
     apart = gaps > 0
     steps = np.abs(np.diff(trend.values))
     prediction = chart = staircase = expanded = None
     newest = float(trend.values[-1])
-    is_apart = pooled is not None and not pooled.is_of_type(trend)
+    is_apart = pooled is not None and sensor in pooled.apart
     if is_apart:
         pooled = None
     if pooled is not None or trend.courses is not None:

@@ -14,24 +14,38 @@ coefficient is::
 
     U²(Δt) = t_ν² (2τ² + s² + q Δt) + t_m² σ_b² Δt² + 4 u_B²
 
-Here ν is the sum of k_s − 1 over sensors and similar axes, and m is the number of these terms. If
-no sensor has three calibrations, scatter and drift cannot be distinguished. U(Δt) is then computed
-once with only scatter and once with only drift, and the larger is used. If the variances of one
-coefficient give a larger U(Δt) than the common variances of all similar axes, they are used, with
-the same ν and m.
+Here ν is the sum of k_s − 1 over sensors and similar axes, and m is the number of these terms.
+Scatter and a random walk look alike in few calibrations, so U(Δt) is also computed with q = 0, and
+the larger is used. If no sensor has three calibrations, scatter and drift cannot be distinguished.
+U(Δt) is then computed once with only scatter and once with only drift, and the larger is used. If
+the variances of one coefficient give a larger U(Δt) than the common variances of all similar axes,
+they are used, with the same ν and m.
+
+All similar axes of a sensor are judged together. The sensor that agrees least with the common
+variances is left out if its χ² is too large for the variances of the other sensors, by an F test
+with p < 0.01 divided by the number of sensors. This is repeated until no sensor is left out.
 """
 
-from collections.abc import Sequence
+# scipy has no type stubs.
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import scipy
 
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.calibration.comparison.changes import chi2_p_value
 from inercal.estimation.uncertainty.conformity import expanded_uncertainty
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.estimation.uncertainty.repeated_measurements import MeasurementBlock, pooled_variances
+from inercal.estimation.uncertainty.repeated_measurements import (
+    MeasurementBlock,
+    pooled_variances,
+    restricted_likelihood,
+)
 from inercal.laboratory.repeatability.sessions import similar_coefficients
 from inercal.laboratory.store.history import CoefficientTrend, SensorHistory
 
@@ -40,9 +54,9 @@ if TYPE_CHECKING:
 
 MOST_SENSORS = 50
 """Largest number of sensors of a type that are read; they are the last calibrated sensors."""
-_ALL = (0, 1, 2)  # indices of all `ChangeVariances`
-_ALONE = ((0,), (2,))
-_LEAST_P = 0.01  # p-value below which a sensor does not belong to its type
+_OF_MANY = ((0, 1, 2), (0, 2))  # indices of `ChangeVariances`: all, and without the walk
+_OF_TWO = ((0,), (2,))
+_LEAST_P = 0.01  # probability that a sensor is left out by chance
 
 
 class ChangeVariances(NamedTuple):
@@ -60,12 +74,17 @@ class PooledChange:
     Parameters
     ----------
     sensors : int
+        Number of sensors with this coefficient.
     variances : tuple of ChangeVariances
-        Variances from all similar axes, and from this coefficient only; the larger U is used.
+        Variances from all similar axes, and from this coefficient only, each with and without a
+        random walk; the largest U is used.
     dof, slope_dof : float
         Degrees of freedom ν and m.
     rate : float
         Largest yearly change between two calibrations of a sensor, SI.
+    members, apart : tuples of str
+        Sensors that are pooled for similar coefficients, and sensors that are left out because
+        these coefficients change more than those of the others.
     """
 
     sensors: int
@@ -73,6 +92,8 @@ class PooledChange:
     dof: float
     slope_dof: float
     rate: float
+    members: tuple[str, ...] = ()
+    apart: tuple[str, ...] = ()
 
     def expanded_after(self, own: float, shared: float, years: float) -> float:
         """Return U, SI, some years after a calibration.
@@ -91,18 +112,6 @@ class PooledChange:
             for one in self.variances
         ]
         return float(np.sqrt(max(squares) + COVERAGE**2 * shared))
-
-    def is_of_type(self, trend: CoefficientTrend) -> bool:
-        """Return whether the calibrations of a sensor scatter like others of its type."""
-        if trend.time.size < 2:
-            return True
-        block = _block(trend, 1.0, 1.0)
-        largest = max(self.variances, key=sum)
-        v = block.covariance + sum(s * h @ h.T for s, h in zip(largest, block.factors, strict=True))
-        inverse = np.linalg.inv(v)
-        weights = inverse.sum(axis=0)
-        off = block.y - weights @ block.y / weights.sum()
-        return chi2_p_value(float(off @ inverse @ off), off.size - 1) >= _LEAST_P
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +137,10 @@ class TypePool:
 
 
 def type_pool(
-    register: "Register", own: SensorHistory, like: Sequence[str] = ()
+    register: "Register",
+    own: SensorHistory,
+    like: Sequence[str] = (),
+    only: Collection[str] | None = None,
 ) -> TypePool | None:
     """Return the pool of the sensors of a type; None if the type is unknown or the pool is empty.
 
@@ -142,6 +154,8 @@ def type_pool(
     like : sequence of str
         Names of the other sensors. By default, these are all sensors whose newest calibration
         states the same model and maker in [job].
+    only : collection of str, optional
+        Full names of the coefficients that are needed; by default all.
 
     Raises
     ------
@@ -164,11 +178,14 @@ def type_pool(
                     key="--like",
                     names=(one.sensor.name,),
                 )
-    return pool_of_histories(own, others, name)
+    return pool_of_histories(own, others, name, only)
 
 
 def pool_of_histories(
-    own: SensorHistory, others: Sequence[SensorHistory], type_name: str = ""
+    own: SensorHistory,
+    others: Sequence[SensorHistory],
+    type_name: str = "",
+    only: Collection[str] | None = None,
 ) -> TypePool | None:
     """Return the pool of several histories; None if no sensor has two calibrations.
 
@@ -192,18 +209,23 @@ def pool_of_histories(
     changes: dict[str, PooledChange] = {}
     for places in similar_coefficients(newest.sensor, names).values():
         alike = [names[k] for k in places]
-        found = [trend for name in alike for _, trend in trends[name]]
-        together = pooled_change(found)
+        if only is not None and not set(only).intersection(alike):
+            continue
+        of_sensor: dict[str, list[CoefficientTrend]] = {}
         for name in alike:
-            mine = [trend for _, trend in trends[name]]
-            alone = pooled_change(mine) if len(alike) > 1 else together
+            for sensor, trend in trends[name]:
+                of_sensor.setdefault(sensor, []).append(trend)
+        together = _pooled_alike(of_sensor, own.sensor.name)
+        for name in alike:
+            mine = [trend for sensor, trend in trends[name] if sensor in together.members]
+            alone = pooled_change(mine) if mine and len(alike) > 1 else together
             changes[name] = replace(
-                alone,
+                together,
+                sensors=alone.sensors,
                 variances=(*together.variances, *alone.variances),
-                dof=together.dof,
-                slope_dof=together.slope_dof,
+                rate=alone.rate,
             )
-    used = {sensor for of_name in trends.values() for sensor, _ in of_name}
+    used = {sensor for one in changes.values() for sensor in one.members}
     gaps = [float(np.diff(one.time).max()) for name in names for _, one in trends[name]]
     return TypePool(
         type_name,
@@ -215,7 +237,7 @@ def pool_of_histories(
 
 def pooled_change(found: Sequence[CoefficientTrend]) -> PooledChange:
     """Return the pooled change of coefficients with equal variances and at least two values."""
-    parts = (_ALL,) if max(len(one.shared) for one in found) > 2 else _ALONE
+    parts = _OF_MANY if max(len(one.shared) for one in found) > 2 else _OF_TWO
     return PooledChange(
         len(found),
         tuple(_variances(found, one) for one in parts),
@@ -223,6 +245,42 @@ def pooled_change(found: Sequence[CoefficientTrend]) -> PooledChange:
         float(len(found)),
         max(map(_rate, found)),
     )
+
+
+def _pooled_alike(of_sensor: Mapping[str, Sequence[CoefficientTrend]], own: str) -> PooledChange:
+    """Return the pooled change of the sensors that do not change more than the others.
+
+    Of two sensors, only `own` can be left out.
+    """
+    kept, apart = dict(of_sensor), ()
+    while True:
+        change = pooled_change([trend for one in kept.values() for trend in one])
+        if len(kept) < 2 or (len(kept) == 2 and own not in kept):
+            break
+        chances = {one: chi2_p_value(*_misfit(found, change)) for one, found in kept.items()}
+        worst = min(chances, key=chances.__getitem__) if len(kept) > 2 else own
+        others = pooled_change([t for one, found in kept.items() if one != worst for t in found])
+        chi2, dof = _misfit(kept[worst], others)
+        if scipy.special.fdtrc(dof, others.dof, chi2 / dof) >= _LEAST_P / len(kept):
+            break
+        del kept[worst]
+        apart = (*apart, worst)
+    return replace(change, members=tuple(kept), apart=apart)
+
+
+def _misfit(found: Sequence[CoefficientTrend], change: PooledChange) -> tuple[float, int]:
+    """Return χ² of some trends with the variances that suit them best, and its dof."""
+    blocks = [_block(one, 1.0, 1.0) for one in found]
+    chi2 = min(
+        sum(float(one.y @ restricted_likelihood(one.y, one.x, _total(one, v))[2]) for one in blocks)
+        for v in change.variances
+    )
+    return chi2, sum(one.y.size - 1 for one in blocks)
+
+
+def _total(block: MeasurementBlock, variances: ChangeVariances) -> Array:
+    effects = zip(variances, block.factors, strict=True)
+    return block.covariance + sum(size * h @ h.T for size, h in effects)
 
 
 def _type_name(own: SensorHistory) -> str:
