@@ -11,6 +11,9 @@ import pytest
 from tests.program import run_program
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
+from inercal.basics.errors import InputError
+from inercal.cli.outputs import PAGE, check_outputs
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SENSOR = "triad 3"
 READ = ("run.toml", "head.toml", "means.toml", "run.calibration.json", "register.db",
@@ -211,5 +214,26 @@ def test_a_calibration_of_this_run_file_is_replaced_and_its_predecessor_kept(tmp
     (folder / "run.toml").write_text(text.replace("SN 0417", "SN 0418"), encoding="utf-8")
     refused(tmp_path, *arguments)
     assert run_program(*arguments, "--force").status == 0
+    # The same sensor and name of a run file, in another folder: an edited run file is no other one.
+    moved = shutil.copytree(folder, tmp_path / "moved")
+    text = (folder / "run.toml").read_text(encoding="utf-8")
+    (folder / "run.toml").write_text(f"# edited\n{text}", encoding="utf-8")
+    assert run_program(*arguments).status == 0
+    other = ("calibrate", moved / "run.toml", *arguments[2:])
+    refused(tmp_path, *other)
+    assert run_program(*other, "--force").status == 0
+    assert run_program(*other).status == 0
+    refused(tmp_path, *arguments)
+    with chdir(tmp_path / "out"):
+        Path("run.report.html").write_text(PAGE.mark.decode(), encoding="utf-8")
+        refused(tmp_path, "report", folder / "run.toml")
     result.write_text('{"schema": "inercal/calibration/2"}', encoding="utf-8")
     refused(tmp_path, *arguments)
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no folder that even root cannot use")
+def test_a_place_is_tried_before_the_work_and_nothing_stays_there(tmp_path: Path):
+    with pytest.raises(InputError):
+        check_outputs({Path("/proc/nowhere/a.html"): PAGE})
+    check_outputs({tmp_path / "a" / "b.html": PAGE})
+    assert list(tmp_path.iterdir()) == []

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -101,6 +102,11 @@ def run(
                 lambda generation: update(f"{doing}: {console.generation_text(generation)}"),
                 also="auto" if auto else None,
             )
+        folder = outputs.run_folder(files["calibration_file"], run_file)
+        if folder != ".":  # only then the names of the files do not identify the run file
+            provenance = {**outcome.calibration.provenance, outputs.FOLDER: folder}
+            calibration = replace(outcome.calibration, provenance=provenance)
+            outcome = replace(outcome, calibration=calibration)
         tables = plan.kind.tables(plan, outcome)
         files |= {what: out / f"{run_file.stem}.{what}.csv" for what in tables}
         own = {files[what]: outputs.table_kind(what, columns) for what, columns in tables.items()}

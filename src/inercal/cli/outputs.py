@@ -6,10 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
+from uuid import uuid4
 
 from inercal.basics.atomic_files import writable_target
 from inercal.basics.errors import InputError
 
+FOLDER = "run file folder"
+"""Key of the provenance: folder of the run file, relative to the folder of the calibration file."""
 _HEAD = 4096  # number of bytes by which a file is recognised
 
 
@@ -163,6 +166,11 @@ def source_files(path: Path, calibration_file: Path, provenance: Mapping[str, st
     return [calibration_file, *named, *[path] * is_source]
 
 
+def run_folder(path: Path, run_file: Path) -> str:
+    """Return the folder of a run file, relative to the folder of a file to write."""
+    return os.path.relpath(run_file.parent.resolve(), path.parent.resolve())
+
+
 def require_same_run(path: Path, run_file: Path, sensor: str) -> None:
     """Raise an error before overwriting a calibration from another run file or sensor.
 
@@ -192,10 +200,12 @@ def require_same_run(path: Path, run_file: Path, sensor: str) -> None:
             key="--out",
         ) from None
     of = found.provenance.get("run file", "")
-    if (of, found.sensor.name) != (run_file.name, sensor):
+    folder = found.provenance.get(FOLDER, ".")
+    if (of, folder, found.sensor.name) != (run_file.name, run_folder(path, run_file), sensor):
         raise InputError(
             f"{path} is the calibration of {found.sensor.name} from "
-            f"{of or 'an unknown run file'}: choose another --out, or replace it with --force",
+            f"{Path(folder, of) if of else 'an unknown run file'}: choose another --out, or "
+            "replace it with --force",
             file=path,
             key="--out",
             names=(found.sensor.name,),
@@ -211,10 +221,16 @@ def _check_folder(path: Path, folder: Path) -> None:
         raise InputError(f"{path} cannot be written: {error.strerror}", file=path) from None
     if not is_folder:
         raise InputError(f"{path}: {base} is not a folder; name another", file=path)
-    if not os.access(base, os.W_OK | os.X_OK):
-        raise InputError(f"{path}: no permission to write to {base}", file=path)
     if base.stat().st_nlink == 0:
         raise InputError(f"{path}: the working directory was deleted", file=path)
+    trial = base / f".{uuid4().hex}.part"  # permission bits do not tell: root, /proc, a full disk
+    try:
+        trial.mkdir()
+        trial.rmdir()
+    except PermissionError:
+        raise InputError(f"{path}: no permission to write to {base}", file=path) from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot write to {base}: {error.strerror}", file=path) from None
 
 
 def _check_existing(

@@ -6,7 +6,7 @@ import typer
 
 from inercal.cli import console
 from inercal.cli.options import Explain, Json, Strict
-from inercal.cli.outputs import PAGE, check_outputs
+from inercal.cli.outputs import PAGE, check_outputs, require_same_run
 
 
 def run(
@@ -34,6 +34,8 @@ def run(
     page = out or Path(f"{run_file.stem}.report.html")
     refused = page.parent / f"{run_file.stem}.refused.html"
     check_outputs({page: PAGE, refused: PAGE}, plan.input_files())
+    if out is None and page.exists():  # it may belong to the calibration in the same folder
+        require_same_run(Path(f"{run_file.stem}.calibration.json"), run_file, plan.sensor.name)
     with console.progress_status(f"writing {page}") as update:
         with console.draw_refusal(plan, refused):
             outcome = calibrate(
