@@ -62,6 +62,14 @@ def test_the_last_day_of_the_measurement_decides_whether_an_instrument_is_overdu
         ("lab.toml", "due = 2027-03-01", 'due = "soon"', "[instrument] due"),
         ("job.toml", "operator", "operater", "[job] operater"),
         ("job.toml", "measured = 2026-11-25", 'measured = "today"', "[job] measured"),
+        ("job.toml", "measured = 2026-11-25", "measured = 2999-01-01", "[job] measured"),
+        ("job.toml", "received = 2026-11-20", "received = 2026-11-26", "[job] measured"),
+        (
+            "job.toml",
+            "measured = 2026-11-25",
+            "measured = 2026-11-25\nmeasured_until = 2026-11-24",
+            "[job] measured_until",
+        ),
     ],
 )
 def test_other_keys_and_dates_are_refused(job: Path, file: str, old: str, new: str, key: str):

@@ -281,6 +281,38 @@ def test_what_is_not_there_is_said_with_what_is(address: str, tmp_path: Path):
             register.history("bare")
 
 
+def test_two_devices_of_one_name_are_not_one_sensor(address: str, tmp_path: Path):
+    def file(serial: str, recording: str) -> Path:
+        content = made()
+        content["job"] = {"serial number": serial}
+        content["provenance"]["recording sha256"] = recording * 64
+        return write(tmp_path / f"{serial}{recording}.calibration.json", hashed(content))
+
+    with Register(address, by="Ada") as register:
+        register.enter_calibration(file("A1", "1"))
+        with refused(InputError, names=("B2", "A1")):
+            register.enter_calibration(file("B2", "2"))
+        assert len(register.calibrations()) == 1
+        # A wrong serial number is corrected by a new calibration of its recording.
+        register.enter_calibration(file("B2", "1"))
+        register.enter_calibration(file("B2", "2"))
+        assert len(register.calibrations()) == 3
+
+
+def test_the_days_of_a_job_limit_the_date(address: str, tmp_path: Path):
+    content = made()
+    content["job"] = {"measured": "2019-12-20", "measured until": "2019-12-22"}
+    with Register(address, by="Ada") as register:
+        path = write(tmp_path / "a.calibration.json", hashed(content))
+        with refused(InputError, key="--measured"):
+            register.enter_calibration(path, measured="2019-12-23")
+        number = register.enter_calibration(path, measured="2019-12-21")
+        assert register.calibration(number).measured[:10] == "2019-12-21"
+        content["job"] = {"measured": "2999-01-01"}
+        with refused(InputError):
+            register.enter_calibration(write(path, hashed(content)))
+
+
 def test_a_stated_date_replaces_only_the_date_of_the_file(address: str, tmp_path: Path):
     path = write(tmp_path / "a.calibration.json", made())
     with Register(address, by="Ada") as register:

@@ -107,6 +107,8 @@ def run(
             provenance = {**outcome.calibration.provenance, outputs.FOLDER: folder}
             calibration = replace(outcome.calibration, provenance=provenance)
             outcome = replace(outcome, calibration=calibration)
+        if opened is not None:
+            opened.require_same_device(outcome.calibration)
         tables = plan.kind.tables(plan, outcome)
         files |= {what: out / f"{run_file.stem}.{what}.csv" for what in tables}
         own = {files[what]: outputs.table_kind(what, columns) for what, columns in tables.items()}

@@ -7,13 +7,15 @@ The laboratory file, lab.toml, has the entries that all jobs share. A run file w
 the names and the instruments; a certificate uses all keys.
 """
 
-from datetime import date
+from datetime import UTC, date, datetime, timedelta
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, ValidationError
 
+from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_toml
 from inercal.physics.section_settings import DESCRIPTION, Section, optional
 from inercal.recordings import Finding
@@ -143,6 +145,25 @@ class JobSection(Section):
         return self.measured_until or self.measured
 
 
+def require_possible_dates(job: JobSection) -> None:
+    """Raise an error if dates of a job contradict each other or are in the future.
+
+    Raises
+    ------
+    InputError
+    """
+    stated = [("received", job.received), ("measured", job.measured)]
+    stated.append(("measured_until", job.measured_until))
+    known = [(f"[job] {name}", day) for name, day in stated if day is not None]
+    for (earlier, first), (later, second) in pairwise(known):
+        if second < first:
+            message = f"{later} {second} is before {earlier} {first}; correct one of them"
+            raise InputError(message, key=later)
+    if known and known[-1][1] > (datetime.now(UTC) + timedelta(days=1)).date():
+        key, day = known[-1]
+        raise InputError(f"{key} {day} is in the future; correct it", key=key)
+
+
 def job_texts(job: JobSection | None, folder: Path) -> tuple[dict[str, str], tuple[Finding, ...]]:
     """Return the texts of a job and its laboratory, and warnings about overdue instruments.
 
@@ -155,10 +176,11 @@ def job_texts(job: JobSection | None, folder: Path) -> tuple[dict[str, str], tup
     Raises
     ------
     InputError
-        The laboratory file cannot be read or has unknown keys.
+        The laboratory file cannot be read or has unknown keys, or a date is not possible.
     """
     if job is None:
         return {}, ()
+    require_possible_dates(job)
     stated = job.model_dump(exclude_none=True, exclude={"lab"})
     texts = {name.replace("_", " "): str(value) for name, value in stated.items()}
     if job.lab is None:

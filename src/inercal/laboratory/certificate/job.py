@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_toml
 from inercal.physics.section_settings import Section
-from inercal.runfile.job import JobSection, LaboratoryFile
+from inercal.runfile.job import JobSection, LaboratoryFile, require_possible_dates
 from inercal.runfile.validation_errors import schema_error
 
 _OF_JOB = ("customer", "customer_address", "serial_number", "condition", "measured")
@@ -79,9 +79,4 @@ def require_complete(job: JobSection, laboratory: LaboratoryFile) -> None:
             key=missing[0],
             names=missing,
         )
-    if job.measured_until and job.measured and job.measured_until < job.measured:
-        raise InputError(
-            f"[job] measured_until {job.measured_until} is before measured {job.measured}; "
-            "correct one of them",
-            key="[job] measured_until",
-        )
+    require_possible_dates(job)

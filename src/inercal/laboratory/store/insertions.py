@@ -6,6 +6,7 @@ Verified calibrations that can be entered, with the additional columns of the re
 """
 
 import json
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -236,11 +237,12 @@ def enter_calibration(
     Raises
     ------
     InputError
-        If the time of measurement is unknown.
+        If the time of measurement is unknown, or the serial number is that of another sensor.
     """
     there = db.scalar(select(calibration.c.id).where(calibration.c.sha256 == entered.sha256))
     if there is not None:
         return there
+    require_same_device(db, entered)
     found = entered.calibration
     sensor_id = enter_sensor(db, found.sensor, who)
     its_run = None
@@ -288,25 +290,55 @@ def enter_calibration(
     return new
 
 
-def require_possible_date(entered: CalibrationDocument, measured: str) -> None:
-    """Raise an error if a stated time is in the future or contradicts [job] in the file.
+def require_same_device(db: Connection, entered: CalibrationDocument) -> None:
+    """Raise an error if the last calibration of a sensor of this name has another serial number.
+
+    Calibrations of the same recording are ignored, so that a wrong serial number can be corrected.
 
     Raises
     ------
     InputError
     """
-    day, job = measured[: len("2026-03-01")], entered.calibration.job
+    name, serial = entered.calibration.sensor.name, entered.calibration.job.get("serial number")
+    others = (sensor.c.name == name, calibration.c.recording_sha256 != entered.recording)
+    query = select(calibration.c.id, calibration.c.content).join(sensor).where(*others)
+    newest = db.execute(query.order_by(calibration.c.id.desc()).limit(1)).first()
+    known = None
+    with suppress(ValueError):  # a damaged entry is reported when it is read
+        known = newest and json.loads(newest.content).get("job", {}).get("serial number")
+    if serial and known and serial != known:
+        raise InputError(
+            f"{entered.source}: the serial number is {serial}, but calibration "
+            f"#{newest.id if newest else ''} of {name} is of serial number {known}; give one of "
+            "them another [sensor] name, or correct [job] serial_number",
+            key="[sensor] name",
+            names=(serial, known),
+        )
+
+
+def require_possible_date(entered: CalibrationDocument, measured: str | None) -> None:
+    """Raise an error if the time stated by the user or [job] is not possible.
+
+    It must not be in the future, and the user must not contradict [job] of the file.
+
+    Raises
+    ------
+    InputError
+    """
+    job = entered.calibration.job
     first = job.get("measured", "")
-    last = job.get("measured_until", first)
-    wrong = ""
-    if datetime.fromisoformat(to_utc(measured)) > datetime.now(UTC) + timedelta(days=1):
+    last = job.get("measured until", first)
+    stated = measured or last
+    day, wrong = stated[: len("2026-03-01")], ""
+    if stated and datetime.fromisoformat(to_utc(stated)) > datetime.now(UTC) + timedelta(days=1):
         wrong = "is in the future"
     elif first and not first <= day <= last:
         wrong = (
             f"contradicts [job] of {entered.source}, measured {' to '.join({first: 0, last: 0})}"
         )
     if wrong:
-        raise InputError(f"--measured {measured} {wrong}", key="--measured")
+        place = "--measured" if measured else f"{entered.source}: [job] measured"
+        raise InputError(f"{place} {stated} {wrong}", key="--measured")
 
 
 def state_date(db: Connection, number: int, measured: str) -> None:

@@ -204,6 +204,16 @@ class Register(Closeable):
                 insertions.enter_calibration(db, result, kind, None, self._author())
             return number
 
+    def require_same_device(self, source: Calibration) -> None:
+        """Raise an error if the sensor of this name in the register has another serial number.
+
+        Raises
+        ------
+        InputError
+        """
+        if self.exists:
+            self._read(insertions.require_same_device, make_document(source))
+
     def enter_calibration(
         self, source: Calibration | str | Path, measured: str | None = None
     ) -> int:
@@ -242,9 +252,8 @@ class Register(Closeable):
         if measured is not None:
             stated_time(measured, example=" or 2026-03-01T14:30:00+01:00")
         result = [make_document(source) for source in sources]
-        if measured is not None:
-            for one in result:
-                insertions.require_possible_date(one, measured)
+        for one in result:
+            insertions.require_possible_date(one, measured)
         kinds = [_bench_kind(one.calibration) for one in result]
         with self._transaction(connection.write_transaction) as db:
             numbers = tuple(
