@@ -102,6 +102,12 @@ def test_options_take_the_place_of_the_run_files_positions_and_seconds(
     assert "22° 30′" in printed
 
 
+def test_seconds_that_change_no_uncertainty_are_named_in_a_note(program: Program):
+    run = EXAMPLES / "six_position" / "run.toml"
+    said = [program("six-position", "--run", run, *more)[1] for more in ((), ("--seconds", "9"))]
+    assert ["--seconds" in one for one in said] == [False, True]
+
+
 def test_the_table_is_written_and_a_page_beside_it(pair: Path, program: Program, tmp_path: Path):
     changed(pair, ('angle = "angle"', 'angle = "angle"\nautocollimator = "ac"\nlevel = "lv"'))
     sheet, page = tmp_path / "sheet.csv", tmp_path / "sheet.html"

@@ -313,6 +313,7 @@ def test_of_a_folder_without_a_run_its_calibrations_are_imported(program: Progra
         (["import", "none.json", "--measured", "soon"], "'soon'"),
         (["import", "a", "b", "--measured", "2020-01-01"], "--measured"),
         (["import", "."], "*.calibration.json"),
+        (["import", "none.json", "--by", " "], "--by"),
         (["list", "--register", "mysql://h/x"], "mysql://"),
         (["list", "--register", "/none/r.db"], "/none/r.db"),
         (["show", "\udcff"], "Unicode"),

@@ -402,8 +402,10 @@ def test_help_and_words_in_their_own_case(run_file: Path):
 
 def test_a_finished_table_has_no_others_that_follow(run_file: Path):
     given = lines(readings(run_file))
-    measure(run_file, given=given)
-    assert "follow" not in measure(run_file, given=[]).output
+    assert "wrote" in measure(run_file, given=given).output
+    finished = measure(run_file, given=[]).output
+    assert "follow" not in finished
+    assert "wrote" not in finished
 
 
 def test_readings_in_si_units_are_suspected(run_file: Path):

@@ -97,6 +97,9 @@ def calibrate(
                                  key=name)  # fmt: skip
         _watch(read, watch, folder, count, timeout)
         return
+    if register is not None:
+        with open_register(register):  # an address that cannot be used is refused before the work
+            pass
     counts = _calibrate(read, folder, workers, scheduler, batch, retry_failed, timeout)
     without = counts.failed + counts.lost + counts.kept_failed
     found = line_status(read, out)

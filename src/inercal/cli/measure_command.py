@@ -87,6 +87,7 @@ def run(
         except UnicodeDecodeError:
             raise InputError("standard input is not text; give the readings as text") from None
 
+    before = path.read_bytes() if path.is_file() else None
     with ExitStack() as opened:
         files = measurement_files(path)
         own = planned.file(planned.data.file)
@@ -126,7 +127,8 @@ def run(
         content = {"table": str(path), "measured": table.measured, "rows": len(table.rows)}
         print_json(content | {"complete": complete, "next": after})
     else:
-        print(f"wrote {path}")
+        if not path.is_file() or path.read_bytes() != before:
+            print(f"wrote {path}")
         print(after)
     if not complete:
         raise typer.Exit(_OPEN)

@@ -79,6 +79,9 @@ def print_plan(
             )
         else:
             plan = _path_plan(run) if run.kind.sampled else _hand_plan(run, executor)
+    if "seconds" in keys and run.data.kind == "means":
+        note = "[data.sd] states the uncertainty of a mean, so U does not depend on --seconds."
+        plan = plan._replace(notes=(*plan.notes, note))
     _print_plan(run, plan, files, json=json)
     if files and not json:
         print(_next_step(run, files["sheet"]))

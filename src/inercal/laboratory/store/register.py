@@ -10,6 +10,7 @@ from sqlalchemy import Connection, select
 
 from inercal.basics.closeable import Closeable
 from inercal.basics.documents import stated_time
+from inercal.basics.errors import InputError
 from inercal.basics.system_user import user_name
 from inercal.calibration import Calibration
 from inercal.laboratory.store import certificates, connection, insertions, queries
@@ -62,6 +63,8 @@ class Register(Closeable):
     def __init__(self, address: str | None = None, by: str | None = None, *, create: bool = True):
         self._address = resolve_address(address)
         self.address = self._address.display_url
+        if by is not None and not by.strip():
+            raise InputError("--by: give the name of the person who enters the data", key="--by")
         self._by = by or user_name()
         self.files = () if self._address.file is None else (self._address.file,)
         self._engine = connection.make_engine(self._address)
