@@ -46,8 +46,13 @@ def test_a_second_certificate_names_the_first_unless_it_changes_it(laboratory: L
 
 
 def test_a_refused_certificate_uses_no_number(laboratory: Laboratory):
+    change = ("--amends", "IL-2026-0099", "--reason", "why")
+    assert laboratory.run(*change).status == 2
+    assert not (laboratory.folder / "register.db").exists()
     laboratory.issue()
-    assert laboratory.run("--amends", "IL-2026-0099", "--reason", "why").status == 2
+    assert laboratory.run(*change).status == 2
+    (laboratory.folder / "occupied").write_text("", encoding="utf-8")
+    assert laboratory.run("--out", laboratory.folder / "occupied").status == 2
     assert laboratory.issue().name == "IL-2026-0002.pdf"
 
 

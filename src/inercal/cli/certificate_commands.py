@@ -12,7 +12,7 @@ from typer.core import TyperGroup
 
 from inercal.basics.atomic_files import atomic_write_all
 from inercal.basics.errors import InercalError, InputError, require_installed
-from inercal.cli import console
+from inercal.cli import console, outputs
 from inercal.cli.options import Force, Json, RegisterOption
 
 if TYPE_CHECKING:
@@ -140,7 +140,9 @@ def issue(
         files, number, address = make_files(given, "", options), "", None
         written = _write(files, out, f"{file.name.partition('.')[0]}.draft", force)
     else:
-        with console.open_register(register, by) as opened:
+        # A folder that cannot be written is refused before a number is used.
+        outputs.check_outputs({out / "certificate.pdf": outputs.CERTIFICATE}, force=True)
+        with console.open_register(register, by, create=not options.change) as opened:
             entry = issue_certificate(file, given, options, opened)
             address = opened.address
             if not options.change:
@@ -276,11 +278,9 @@ def _write(
     files: "CertificateFiles", out: Path, stem: str, force: bool, number: str = ""
 ) -> dict[str, str]:
     """Write both files; on failure, tell how to get the files of the issued certificate."""
-    from inercal.cli.outputs import CERTIFICATE, check_outputs
-
     paths = [out / f"{stem}.pdf", out / f"{stem}.xml"]
     try:
-        check_outputs(dict.fromkeys(paths, CERTIFICATE), force=force)
+        outputs.check_outputs(dict.fromkeys(paths, outputs.CERTIFICATE), force=force)
         with atomic_write_all(paths) as parts:
             parts[0].write_bytes(files.pdf)
             parts[1].write_bytes(files.dcc)
