@@ -44,6 +44,25 @@ def test_a_clean_recording_has_no_findings_and_is_accepted():
     assert require_accepted(audited) is audited
 
 
+def test_a_few_false_counts_are_not_the_negative_ones_of_signed_counts():
+    counts = np.rint(450 + 450 * np.sin(np.arange(1000) / 50))
+    for spikes, found in (
+        ([47779.0, 47789.0], []),
+        ([65535.0, 65530.0], [("refused", "unsigned")]),
+    ):
+        made = recording()
+        made.data[:, 0] = counts
+        made.data[[300, 301], 0] = spikes
+        assert [one for one in kinds(audit(made)) if one[1] == "unsigned"] == found
+
+
+def test_the_message_on_unsigned_counts_states_what_the_channel_reads():
+    made = recording()
+    made.data[:, 0] = np.rint(900 * np.sin(np.arange(1000) / 50)) % 65536
+    (refusal,) = (one for one in audit(made).findings if one.what == "unsigned")
+    assert all(text in refusal.message for text in ("900", "64636", "65533", "16 bits"))
+
+
 def test_rows_without_numbers_are_refused_or_dropped():
     made = recording()
     made.data[[5, 6, 40], 1] = [np.nan, np.inf, np.nan]

@@ -55,17 +55,28 @@ def unsigned_bits(values: Array) -> int | None:
     if top < high * size or found.min() > low * size or not are_counts(found, bits):
         return None
     middle = np.count_nonzero((found >= low * size) & (found < high * size))
-    before, after = np.abs(np.diff(found)).max(), np.abs(np.diff(signed_counts(found, bits))).max()
-    return bits if middle <= _FEW * found.size and after <= _SMOOTHER * before else None
+    signed = signed_counts(found, bits)
+    before, after = np.abs(np.diff(found)).max(), np.abs(np.diff(signed)).max()
+    smooth = middle <= _FEW * found.size and after <= _SMOOTHER * before
+    return bits if smooth and not _are_spikes(signed) else None
+
+
+def _are_spikes(signed: Array) -> bool:
+    """Return whether only a few counts are negative, and far from the others: false readings."""
+    negative = signed[signed < 0]
+    gap = signed[signed >= 0].min(initial=np.inf) - negative.max(initial=-np.inf)
+    return negative.size <= _FEW * signed.size and bool(gap > _SMOOTHER * np.ptp(signed))
 
 
 def unsigned_findings(recording: Recording) -> list[Finding]:
     """Refuse channels with signed counts that were written as unsigned numbers."""
     for channel, values in zip(recording.channels, recording.data.T, strict=True):
         if (bits := unsigned_bits(values)) is not None:
+            low, high = (part * 2**bits for part in _MIDDLE)
             text = (
-                f"{channel} reads only near 0 and near {2**bits - 1}: signed counts of {bits} bits "
-                f"were written as unsigned numbers; state {SIGNED_KEY} = {bits}"
+                f"{channel} reads up to {values[values < low].max():.0f} and from "
+                f"{values[values >= high].min():.0f} to {np.nanmax(values):.0f}: signed counts of "
+                f"{bits} bits were written as unsigned numbers; state {SIGNED_KEY} = {bits}"
             )
             return [Finding("refused", "unsigned", text, channel, 0, values.size)]
     return []
