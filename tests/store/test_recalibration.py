@@ -11,7 +11,9 @@ from inercal.basics.errors import InputError
 from inercal.laboratory.store import Register, SensorHistory
 from inercal.laboratory.store.history_text import (
     expanded_text,
+    history_lines,
     limit_text,
+    newest_run_to_run,
     recalibration_lines,
 )
 from inercal.laboratory.store.recalibration import LONGER, SHORTER, expanded_after, recalibration
@@ -72,6 +74,20 @@ def test_the_u_that_exceeds_a_limit_is_stated(history: SensorHistory):
     assert found.decided_by in line
     assert expanded_text(found, found.rows[0]) in line
     assert limit_text(found, found.rows[0]) in line
+
+
+def test_a_drift_is_named_although_its_newest_step_is_within_the_scatter(
+    history: SensorHistory, tmp_path: Path
+):
+    with Register(str(tmp_path / "register.db")) as register:
+        register.enter_calibrations(ten(tmp_path)[:9])
+        nine = register.history(DRIFTING.sensor)
+    for one, names in ((nine, {"ax.k0"}), (history, set())):
+        ordinary = newest_run_to_run(one)
+        assert ordinary is not None
+        assert set(ordinary.within) & set(one.verdicts["drifts"]) == names
+        named = [line for line in history_lines(one) if line.endswith("show a drift")]
+        assert [line.partition(":")[0] for line in named] == sorted(names)
 
 
 def test_two_calibrations_of_one_sensor_alone_predict_nothing(tmp_path: Path):

@@ -144,10 +144,7 @@ INDEPENDENCE_NOTE = (
 )
 
 _CHANCE = 0.05  # significance level of a joint test
-RUN_TO_RUN_NOTE = (
-    "E_n and χ² do not include scatter between power cycles, days or mountings: inercal repeat "
-    "estimates it from several calibrations, and --repeatability (compare, store diff) uses it"
-)
+RUN_TO_RUN_NOTE = "E_n and χ² omit the usual scatter from run to run; inercal repeat estimates it"
 
 
 def grade_text(grade: str) -> str:

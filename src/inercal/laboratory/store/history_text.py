@@ -149,15 +149,19 @@ def history_lines(history: SensorHistory) -> list[str]:
         )
     if (ordinary := newest_run_to_run(history)) is not None:
         lines += run_to_run.run_to_run_lines(ordinary)
+        drifting = set(ordinary.within).intersection(history.verdicts.get("drifts", ()))
+        if drifting:
+            lines.append(
+                f"{', '.join(sorted(drifting))}: the newest change is within that scatter, but all "
+                "calibrations together show a drift"
+            )
     elif history.comparison_count:
         lines += run_to_run.repeatability_lines(history.exceedances, history.newest_joint_test)
-    if any(one.line is not None for one in history.trends):
-        lines.append(
-            "about one coefficient in 20 is called drifting or changed although nothing changed"
-        )
-    if history.comparison_count:
-        stated = all(one.shared is not None for one in history.calibrations)
-        lines.append(run_to_run.SHARED_NOTE if stated else run_to_run.INDEPENDENCE_NOTE)
+    found = (*history.verdicts.get("drifts", ()), *history.verdicts.get("changed", ()))
+    if len(history.entries) > 2 and found:
+        lines.append("by chance, about 1 of 20 coefficients is called drifting or changed")
+    if history.comparison_count and any(one.shared is None for one in history.calibrations):
+        lines.append(run_to_run.INDEPENDENCE_NOTE)
     return [*lines, *(f"left out: {one}" for one in history.exclusions)]
 
 
