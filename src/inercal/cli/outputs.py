@@ -227,8 +227,6 @@ def _check_folder(path: Path, folder: Path) -> None:
     try:
         trial.mkdir()
         trial.rmdir()
-    except PermissionError:
-        raise InputError(f"{path}: no permission to write to {base}", file=path) from None
     except OSError as error:
         raise InputError(f"{path}: cannot write to {base}: {error.strerror}", file=path) from None
 

@@ -135,11 +135,7 @@ def history(
 ) -> None:
     """Show how a sensor's coefficients change, and when the next calibration is due."""
     from inercal.cli import store_view
-    from inercal.laboratory.store.recalibration import (
-        coefficient_limits,
-        needs_pool,
-        recalibration,
-    )
+    from inercal.laboratory.store.recalibration import coefficient_limits, needs_pool, recalibration
     from inercal.laboratory.store.type_pool import type_pool
 
     with open_register(register, create=False) as opened:

@@ -104,6 +104,7 @@ def read_laboratory(path: Path) -> LaboratoryFile:
         raise schema_error(error, content, LaboratoryFile).located(path) from None
 
 
+_DATES = ("received", "measured", "measured_until")  # in their order
 _LABORATORY_TEXTS = {"laboratory", "address", "accreditation", "approved_by"}
 
 
@@ -152,8 +153,7 @@ def require_possible_dates(job: JobSection) -> None:
     ------
     InputError
     """
-    stated = [("received", job.received), ("measured", job.measured)]
-    stated.append(("measured_until", job.measured_until))
+    stated = zip(_DATES, (job.received, job.measured, job.measured_until), strict=True)
     known = [(f"[job] {name}", day) for name, day in stated if day is not None]
     for (earlier, first), (later, second) in pairwise(known):
         if second < first:

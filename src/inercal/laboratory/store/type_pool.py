@@ -36,7 +36,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy
 
-from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.calibration.comparison.changes import chi2_p_value
 from inercal.estimation.uncertainty.conformity import expanded_uncertainty
@@ -271,16 +270,15 @@ def _pooled_alike(of_sensor: Mapping[str, Sequence[CoefficientTrend]], own: str)
 def _misfit(found: Sequence[CoefficientTrend], change: PooledChange) -> tuple[float, int]:
     """Return χ² of some trends with the variances that suit them best, and its dof."""
     blocks = [_block(one, 1.0, 1.0) for one in found]
-    chi2 = min(
-        sum(float(one.y @ restricted_likelihood(one.y, one.x, _total(one, v))[2]) for one in blocks)
-        for v in change.variances
-    )
-    return chi2, sum(one.y.size - 1 for one in blocks)
 
+    def chi2(variances: ChangeVariances) -> float:
+        total = 0.0
+        for y, x, v, factors in blocks:
+            v = v + sum(s * h @ h.T for s, h in zip(variances, factors, strict=True))
+            total += float(y @ restricted_likelihood(y, x, v)[2])
+        return total
 
-def _total(block: MeasurementBlock, variances: ChangeVariances) -> Array:
-    effects = zip(variances, block.factors, strict=True)
-    return block.covariance + sum(size * h @ h.T for size, h in effects)
+    return min(map(chi2, change.variances)), sum(one.y.size - 1 for one in blocks)
 
 
 def _type_name(own: SensorHistory) -> str:
