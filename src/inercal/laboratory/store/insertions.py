@@ -303,13 +303,15 @@ def require_same_device(db: Connection, entered: CalibrationDocument) -> None:
     others = (sensor.c.name == name, calibration.c.recording_sha256 != entered.recording)
     query = select(calibration.c.id, calibration.c.content).join(sensor).where(*others)
     newest = db.execute(query.order_by(calibration.c.id.desc()).limit(1)).first()
-    known = None
-    with suppress(ValueError):  # a damaged entry is reported when it is read
-        known = newest and json.loads(newest.content).get("job", {}).get("serial number")
-    if serial and known and serial != known:
+    if newest is None or serial is None:
+        return
+    known = serial
+    with suppress(ValueError, AttributeError):  # a damaged entry is reported when it is read
+        known = json.loads(newest.content).get("job", {}).get("serial number", serial)
+    if serial != known:
         raise InputError(
             f"{entered.source}: the serial number is {serial}, but calibration "
-            f"#{newest.id if newest else ''} of {name} is of serial number {known}; give one of "
+            f"#{newest.id} of {name} is of serial number {known}; give one of "
             "them another [sensor] name, or correct [job] serial_number",
             key="[sensor] name",
             names=(serial, known),
