@@ -23,6 +23,7 @@ print(threads(), inside(), threads())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("chosen", "inside"), [({}, "{1}"), ({"OMP_NUM_THREADS": "2"}, "{2}")])
 def test_threads_are_limited_for_the_call_alone(chosen: dict[str, str], inside: str):
     environment = {name: one for name, one in os.environ.items() if "NUM_THREADS" not in name}

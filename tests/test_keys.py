@@ -91,6 +91,7 @@ def _splits(tree: ast.AST) -> Iterator[int]:
                 pass
 
 
+@pytest.mark.slow
 def test_no_other_module_splits_keys() -> None:
     found = [
         f"{path}:{line}"

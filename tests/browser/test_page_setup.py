@@ -8,6 +8,7 @@ from tests.browser.page_actions import choose_plan, confirm_start, open_page, ta
 from tests.browser.scripted_server import ScriptedServer
 
 
+@pytest.mark.slow
 def test_a_run_is_set_up_and_started_by_keyboard_alone(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
     expect(page.get_by_role("heading", name="Set up a run")).to_be_visible()
@@ -67,6 +68,7 @@ def test_no_plan_is_chosen_beforehand_and_without_one_nothing_starts(
     expect(page.locator("#start-why")).to_contain_text("plan")
 
 
+@pytest.mark.slow
 def test_the_question_before_a_start_names_table_and_plan_and_starts_what_it_names(
     page: Page, scripted: ScriptedServer
 ):
@@ -90,6 +92,7 @@ def test_the_question_before_a_start_names_table_and_plan_and_starts_what_it_nam
     assert scripted.order("start")["plan"] == "mimu"
 
 
+@pytest.mark.slow
 def test_the_ambient_temperature_is_a_number_and_goes_with_the_start(
     page: Page, scripted: ScriptedServer
 ):
@@ -161,6 +164,7 @@ def test_a_simulated_table_goes_with_a_simulated_imu_alone(page: Page, scripted:
     expect(table).to_have_value("simulated")
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_said_before_a_run_can_be_started(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
     choose_plan(page)
@@ -184,6 +188,7 @@ def test_what_is_missing_is_said_before_a_run_can_be_started(page: Page, scripte
     assert asked["sensor"] is None
 
 
+@pytest.mark.slow
 def test_probing_says_in_words_what_the_devices_answer(page: Page, scripted: ScriptedServer):
     scripted.probed = {
         "table": {"ok": True, "lines": ["Turbo PMAC TURBO2", "  outer: at 0.0004 °, servo off"]},
@@ -209,6 +214,7 @@ def test_runs_of_before_are_resumed_or_have_their_report(page: Page, scripted: S
     assert asked == {"do": "resume", "run": "mimu-20261122-101500", "table": None, "imu": None}
 
 
+@pytest.mark.slow
 def test_a_sensor_that_no_register_knows_is_named_on_the_page(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
     choose_plan(page)
@@ -247,6 +253,7 @@ def test_earlier_runs_are_read_again_after_the_stop_of_one(page: Page, scripted:
     assert page.evaluate("document.activeElement.id") == "runs"
 
 
+@pytest.mark.slow
 def test_a_sensor_of_the_register_leads_to_its_history(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
     expect(

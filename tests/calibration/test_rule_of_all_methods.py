@@ -231,6 +231,7 @@ def test_noise_as_stated_is_seldom_called_too_large(tmp_path: Path, attitudes: n
     assert sum(said) <= 1
 
 
+@pytest.mark.slow
 def test_the_deviation_of_gyros_is_judged_apart_from_that_of_accelerometers():
     rng = np.random.default_rng(4)
     ratios: list[tuple[float, float]] = []

@@ -98,6 +98,7 @@ def test_structure_is_that_of_pdf_a_3b(issued: Path):
     assert load(copy).sensor.name == "accelerometer SN 0417"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", ["en", slow("de"), slow("zh")])
 def test_preflight_finds_the_pages_valid_as_a_1b(language: Language, example: Path, tmp_path: Path):
     jars = [Path(f"/usr/share/java/{name}.jar") for name in JARS]
@@ -124,6 +125,7 @@ def test_preflight_finds_the_pages_valid_as_a_1b(language: Language, example: Pa
     assert "is a valid PDF/A-1b file" in done.stdout, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_identical_input_gives_identical_bytes(laboratory: Laboratory, tmp_path: Path):
     first = laboratory.issue()
     laboratory.register = str(tmp_path / "other.db")
@@ -167,6 +169,7 @@ def test_a_character_without_a_glyph_is_refused_by_name(laboratory: Laboratory):
     assert not Path(laboratory.register).exists()
 
 
+@pytest.mark.slow
 def test_a_font_prints_what_the_others_lack(laboratory: Laboratory):
     need_chinese()
     laboratory.change("C. F. Gauss", "高斯")

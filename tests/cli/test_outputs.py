@@ -159,6 +159,7 @@ def test_a_page_of_another_origin_stays(folder: Path):
     refused(folder, "report", "run.toml", "--out", "photo.html")
 
 
+@pytest.mark.slow
 def test_own_files_are_written_again_and_links_written_through(folder: Path):
     with chdir(folder / "folder"):
         Path("link.html").symlink_to("page.html")
@@ -171,6 +172,7 @@ def test_own_files_are_written_again_and_links_written_through(folder: Path):
             path.unlink()
 
 
+@pytest.mark.slow
 def test_a_table_of_the_same_columns_is_written_again_and_no_other(tmp_path: Path):
     run = shutil.copy(EXAMPLES / "rate_table" / "ship_recording.toml", tmp_path)
     arguments = ("calibrate", run, "--out", tmp_path, "--no-report")
@@ -198,6 +200,7 @@ def test_a_folder_that_was_made_goes_with_what_was_not_written(folder: Path, tmp
         refused(tmp_path, "calibrate", wrong, "--out", tmp_path / "a" / "b")
 
 
+@pytest.mark.slow
 def test_a_calibration_of_this_run_file_is_replaced_and_its_predecessor_kept(tmp_path: Path):
     folder = shutil.copytree(EXAMPLES / "six_position", tmp_path / "run")
     arguments = ("calibrate", folder / "run.toml", "--out", tmp_path / "out", "--no-report")

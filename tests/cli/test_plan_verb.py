@@ -182,6 +182,7 @@ def test_refusals_are_one_line(
     assert where in errors
 
 
+@pytest.mark.slow
 def test_plans_by_hand_have_their_own_defaults(program: Program):
     content = json.loads(program("multi-position", "--json")[1])
     assert len(content["steps"]) == 24

@@ -62,6 +62,7 @@ def test_what_is_no_command_is_one_line(arguments: tuple[str, ...], words: str):
     assert "--help" in done.error
 
 
+@pytest.mark.slow
 def test_help_and_version_import_no_numerics():
     asked = [
         ["--help"],
@@ -154,6 +155,7 @@ def test_simulate_and_calibrate_work_one_after_the_other(tmp_path: Path):
     assert (tmp_path / "run.calibration.json").is_file()
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_kept_kernels_are_compiled_into_a_folder_that_goes():
     script = """
 import os, sys

@@ -44,6 +44,7 @@ def test_ordinary_runs_are_ordinary_and_all_exceed_their_own_uncertainties(seed:
     assert 0.03 < single / (12 * pairs) < 0.06
 
 
+@pytest.mark.slow
 def test_a_scatter_of_few_sessions_has_the_coverage_of_its_t(seed: int):
     """Four sessions: nine degrees of freedom, and three to nine of misalignments."""
     rng = np.random.default_rng(seed)
@@ -83,6 +84,7 @@ def compared_by_verb(folder: Path, *arguments: str) -> dict[str, object]:
     return json.loads(ended.output)["run_to_run"]
 
 
+@pytest.mark.slow
 def test_compare_takes_a_file_and_diff_the_register(folder: Path):
     files = [str(folder / f"{k}.calibration.json") for k in (5, 6, 7)]
     file = ("--repeatability", str(folder / "TRIAD-1.repeatability.json"))

@@ -126,6 +126,7 @@ def test_six_positions_from_a_table_of_means_agree_with_its_half_sums(examples: 
     assert outcome.calibration.value("ax.k0") == pytest.approx(bias, abs=1e-5 * 9.80665)
 
 
+@pytest.mark.slow
 def test_a_compressed_recording_is_calibrated_within_the_limit_that_its_run_file_states(
     examples: Path,
 ):

@@ -125,6 +125,7 @@ def rows(seen: Readings, kind: str) -> bytes:
     return np.column_stack([seen.output, seen.celsius]).astype(kind).tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("terms", "readouts"),
     [("linear", SI), ("full", COUNTS), slow("full", SI), slow("linear", COUNTS)],
@@ -146,6 +147,7 @@ def test_the_c_header_is_exact_to_single_precision(
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("terms", SETS)
 def test_the_cpp_header_is_exact(tmp_path: Path, terms: str):
     calibration = make_calibration(*SETS[terms], readouts=COUNTS, form="tilted")
@@ -206,6 +208,7 @@ def test_integers_take_fractions_of_the_unit(tmp_path: Path):
     assert not any(one.exceeds for one in made.costs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("to", ["c", "c_fixed", "cpp"])
 def test_headers_compile_for_32_bits_without_a_library(tmp_path: Path, to: str):
     calibration = make_calibration(*SETS["full"], readouts=COUNTS)

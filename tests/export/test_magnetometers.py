@@ -160,6 +160,7 @@ def test_code_corrects_nine_axes_exactly(to: str, terms: tuple[str, ...], inerti
     np.testing.assert_allclose(found, seen.corrected, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_matlab_file_states_a_and_b_of_magcal():
     calibration = make_magnetometer(readout=COUNTS, inertial=True)
     text = export_calibration(calibration, "matlab", name="imu_7").text
@@ -189,6 +190,7 @@ def test_the_csv_has_the_matrix_of_nine_axes():
     }
 
 
+@pytest.mark.slow
 def test_flight_controllers_take_all_three_kinds_in_one_file():
     calibration = make_magnetometer(inertial=True)
     alone, inertial = make_magnetometer(), make_calibration(readouts=SI)

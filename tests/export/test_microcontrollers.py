@@ -106,6 +106,7 @@ def test_the_sketch_prints_the_corrected_samples(project: Project):
     project.require_corrected(done([project.compiled("sketch", *sources)]))
 
 
+@pytest.mark.slow
 def test_the_project_for_esp_idf_prints_the_corrected_samples(project: Project):
     if shutil.which("cmake") is None:
         pytest.skip("cmake is not installed")

@@ -128,6 +128,7 @@ def test_terms_of_ardupilot_about_35_degrees():
     assert (p["INS_TCAL1_TMIN"], p["INS_TCAL1_TMAX"]) == (-10, 60)
 
 
+@pytest.mark.slow
 def test_an_order_of_temperature_that_is_added_to_the_tables_is_exported_and_read(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):

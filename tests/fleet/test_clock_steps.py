@@ -121,6 +121,7 @@ def test_exports_equal_new_calibrations_over_many_steps(
     check_steps(tmp_path, clock, seed, steps=12)
 
 
+@pytest.mark.slow
 def test_a_corrected_line_is_exported_though_the_clock_was_ahead(
     tmp_path: Path, clock: type[Clock]
 ):

@@ -76,6 +76,7 @@ def test_a_key_that_is_let_go_stops_at_once_and_late_messages_revive_nothing(my:
     assert any("not started" in words for words in my.said("info"))
 
 
+@pytest.mark.slow
 def test_an_angle_or_a_rate_beyond_the_limits_is_refused_before_anything_moves(my: ByHand):
     my.limit(2, -30, 30)
     script = [
@@ -96,6 +97,7 @@ def test_an_angle_or_a_rate_beyond_the_limits_is_refused_before_anything_moves(m
         assert reason in words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [-1, evidence(1)])
 def test_a_jog_into_a_limit_stops_before_it_though_the_key_is_held(my: ByHand, sign: int):
     my.limit(3, -10, 10)
@@ -173,6 +175,7 @@ def test_a_hand_may_turn_an_axis_whose_servo_is_off(my: ByHand):
     assert [axis.enabled for axis in state.axes] == [False, True, False]
 
 
+@pytest.mark.slow
 def test_the_journal_has_every_command_by_whom_and_when_and_the_end(my: ByHand):
     script = [
         (0.1, my.ask("servo", axis="middle", on=True)),

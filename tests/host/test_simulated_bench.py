@@ -362,6 +362,7 @@ def test_the_command_serves_without_an_input_until_it_is_interrupted():
         assert served.wait(20.0) not in (0, 2)
 
 
+@pytest.mark.slow
 def test_a_bench_that_cannot_be_simulated_says_so(tmp_path: Path):
     with refused(names=("imu",)):
         BenchSimulator(MIMU, preset="morse")

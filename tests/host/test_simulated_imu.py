@@ -367,6 +367,7 @@ def test_the_rate_is_that_of_the_packets_or_refused(run: Run):
         packet_rate(replace(run, rate_hz=None), read_layout("fixed"), None)
 
 
+@pytest.mark.slow
 def test_the_bench_is_drawn_alike_from_a_seed(run: Run):
     assert draw_errors(run, 5).values == draw_errors(run, 5).values
     assert isinstance(run.bench, Turntable)

@@ -88,6 +88,7 @@ def test_a_step_begins_only_when_chamber_and_sensor_are_stable(bench: Bench):
     assert not bench.control.may_begin(STEPS)
 
 
+@pytest.mark.slow
 def test_the_next_soak_begins_with_its_first_step(bench: Bench):
     bench.wait_until_stable()
     bench.number = STEPS
@@ -107,6 +108,7 @@ def test_without_a_thermometer_the_stated_time_counts():
     assert bench.time - within == pytest.approx(1200.0, abs=2.0)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_drifts_ends_the_run_after_the_longest_wait(bench: Bench):
     bench.sensor = ZERO + 20
     for _ in bench.ticks(3100):
@@ -188,6 +190,7 @@ def test_the_chamber_at_its_own_rate_with_noise_is_not_too_fast():
     assert bench.words is None
 
 
+@pytest.mark.slow
 def test_a_chamber_without_a_reply_is_a_trouble_within_a_second_until_it_replies(bench: Bench):
     bench.wait_until_stable()
     bench.chamber.fault("silent")

@@ -140,6 +140,7 @@ def test_what_is_no_text_is_refused_before_a_missing_column(
     assert True not in loads
 
 
+@pytest.mark.slow
 def test_odd_files_are_read_or_refused_as_by_the_tolerant_way(
     loads: list[bool], tolerant: Read, tmp_path: Path
 ):

@@ -229,6 +229,7 @@ def test_an_option_may_be_that_of_the_readback_s_file_alone(tmp_path: Path):
     assert reader_columns(run).options == {"topic": "table"}
 
 
+@pytest.mark.slow
 def test_an_installed_package_brings_a_reader(tmp_path: Path):
     site = tmp_path / "site"
     info = site / "theirs-1.0.dist-info"

@@ -117,6 +117,7 @@ REPRESENTATIVE = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", chosen(CASES, REPRESENTATIVE))
 @pytest.mark.parametrize(("seed", "share"), sampled(0.4, 1.0))
 def test_errors_agree_with_their_covariance(case, seed, share):
@@ -132,6 +133,7 @@ def test_errors_agree_with_their_covariance(case, seed, share):
     assert chi2 / dof == pytest.approx(1, abs=band(dof, 1))
 
 
+@pytest.mark.slow
 def test_wrong_accelerometers_that_are_taken_as_exact_raise_chi_squared(seed):
     chi2, dof = 0.0, 0
     for k in range(12):
@@ -145,6 +147,7 @@ def test_wrong_accelerometers_that_are_taken_as_exact_raise_chi_squared(seed):
     assert chi2 / dof > 1 + 2 * band(dof, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "count"), sampled(80, 100))
 def test_cross_covariance_predicts_the_effect_of_the_accelerometers_error(seed, count):
     """What the known error does not explain has the remaining covariance."""
@@ -187,6 +190,7 @@ def test_strength_with_an_uncertainty_and_free_strength_agree_with_their_covaria
     assert np.mean(free) == pytest.approx(1, abs=band(13, count))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "count"), sampled(12, 60))
 def test_stated_dip_agrees_with_its_covariance_and_reduces_the_uncertainty(seed, count):
     errors = []

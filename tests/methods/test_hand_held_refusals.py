@@ -69,6 +69,7 @@ def test_twenty_rests_in_one_plane_are_refused(normal: tuple[float, ...], named:
     assert "; add: hold " in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_attitudes_added_to_a_plane_as_advised_are_accepted():
     plane = planar(20, np.array([0.0, 0.0, 1.0]), 1.0, np.random.default_rng(0))
     with pytest.raises(NotObserved) as refusal:

@@ -191,6 +191,7 @@ def dense_noise(rests: Rests, x: Array) -> Callable[[Scatter], Array]:
     return covariance
 
 
+@pytest.mark.slow
 def test_the_band_whitens_the_dense_covariance_of_all_rows():
     rests, x = session(positions=9)
     rows = rests.rows(x)
@@ -206,6 +207,7 @@ def test_the_band_whitens_the_dense_covariance_of_all_rows():
             np.testing.assert_allclose(W @ C @ W.T, np.eye(len(C)), rtol=0, atol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hold_seconds", [1.0, evidence(8.0)])
 def test_ramps_within_a_rest_share_their_samples(hold_seconds: float):
     """Rests shorter and longer than what is weighed of them."""
@@ -288,6 +290,7 @@ def dense_carry(way: Transitions, i: int, back: Array, zero: Array, white: Array
     return C[0], sensitivity, noise
 
 
+@pytest.mark.slow
 def test_what_is_carried_along_is_the_product_of_all_steps():
     rests, x = session()
     way = rests.transitions

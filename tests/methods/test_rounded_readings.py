@@ -245,6 +245,7 @@ def rounded_on_a_table(case: str, folder: Path) -> tuple[Outcome, dict[str, floa
     return calibrate(read(folder / "run.toml")), true
 
 
+@pytest.mark.slow
 def test_steps_of_gyros_are_no_fault_of_the_table(tmp_path: Path):
     outcome, true = rounded_on_a_table("turntable_discrete", tmp_path)
     assert not [one for one in outcome.findings if one.what == "readback"]

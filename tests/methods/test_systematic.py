@@ -68,6 +68,7 @@ def segments_of(recorded: made.Recorded, sensor: Any) -> Segments:
     return segments_of_track(seen.track, seen.labels, sensor)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grade", ["N", "T"])
 def test_without_noise_every_coefficient_is_exact(grade: str):
     table, sensor = made.Table(), sensor_of(made.GRADES[grade])
@@ -120,6 +121,7 @@ def test_a_turn_with_true_parameters_ends_at_rest():
     assert late < 2e-6
 
 
+@pytest.mark.slow
 def test_without_the_second_order_term_a_turn_ends_at_44_micrometres_a_second():
     sensor, table = sensor_of(made.NAVIGATION), NOMINAL
     nothing, c = {}, np.zeros(len(sensor.coefficients))
@@ -129,6 +131,7 @@ def test_without_the_second_order_term_a_turn_ends_at_44_micrometres_a_second():
     assert less == pytest.approx(44e-6, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_jacobian_is_that_of_differences():
     sensor = sensor_of(made.NAVIGATION, also=("g", "scale_prime"))
     table = replace(SHORT, path=("+y", "+x", "+z", "-y", "-x", "-z"))
@@ -169,6 +172,7 @@ def test_the_frame_of_the_body_and_a_common_arm_are_refused():
             solved(recorded, sensor, table_of(SHORT))
 
 
+@pytest.mark.slow
 def test_with_the_frame_free_three_singular_values_vanish(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(segments_module, "BLOCK_SECONDS", 0.0)  # a block is a sample
     table = made.Table()
@@ -268,6 +272,7 @@ def test_beyond_85_degrees_of_latitude_it_is_refused():
         solved(device("N"), sensor_of(made.NAVIGATION), table_of(SHORT, latitude=np.radians(86)))
 
 
+@pytest.mark.slow
 def test_gravity_that_is_wrong_moves_scale_factors_and_nothing_shows_it():
     table, sensor = made.Table(), sensor_of(made.NAVIGATION)
     recorded, right = whole_session()
@@ -278,6 +283,7 @@ def test_gravity_that_is_wrong_moves_scale_factors_and_nothing_shows_it():
     assert wrong.chi2 == pytest.approx(float(right.chi2), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_gravity_and_latitude_enter_as_shared_errors():
     from inercal.basics.units import Measured
     from inercal.benches.turntable.still_table import StillTable
@@ -314,6 +320,7 @@ def test_instants_are_integrated_as_well_as_means():
     assert np.abs(error / np.sqrt(np.diag(covariance))).max() < 0.02
 
 
+@pytest.mark.slow
 def test_a_lag_of_many_samples_is_found():
     sensor = sensor_of(made.NAVIGATION)
     rng = np.random.default_rng(1)

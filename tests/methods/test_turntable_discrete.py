@@ -114,6 +114,7 @@ def test_positions_alone_leave_scale_and_misalignment_of_gyros_open():
     assert not any("ax." in name for name in free)
 
 
+@pytest.mark.slow
 def test_a_prior_takes_the_place_of_what_is_missing():
     made = sensor()
     draw = made_by.draw(7, 1, discrete(), hz=25.0)
@@ -146,6 +147,7 @@ def test_steps_that_are_not_the_rows_and_other_axes_are_refused():
         least_squares(far, made, BENCH, plan)
 
 
+@pytest.mark.slow
 def test_terms_by_gravity_come_out_of_the_same_rows():
     made = sensor(made_by.T, "g")
     device = made_by.Device(by_g=radians(10) / 3600 / made_by.G)

@@ -33,6 +33,7 @@ def coefficient_of(channel: ChannelNoise, symbol: str) -> NoiseCoefficient:
     return found
 
 
+@pytest.mark.slow
 def test_a_mems_gyro_is_found_within_three_uncertainties():
     analysis = inercal.analyse_noise(recording(draw(MEMS, 4)[0], MEMS.dt))
     assert analysis.channels[0].fit.symbols == ("N", "B", "K")
@@ -96,6 +97,7 @@ def test_bias_instability_that_white_noise_covers_at_all_averaging_times_has_onl
     assert found.high > 0
 
 
+@pytest.mark.slow
 def test_a_term_that_comes_out_zero_has_an_upper_limit_above_the_truth():
     truth = replace(MEMS, n=2048)
     limits: list[float] = []
@@ -199,6 +201,7 @@ def test_a_disturbance_at_the_start_is_left_out_with_its_temperature():
     assert y.size - 120 < found.n < y.size - 40
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "size"), [evidence("ramp", 0.2), ("temperature", 50.0)])
 def test_drift_is_found_within_three_uncertainties_and_no_walk_takes_its_place(
     name: str, size: float
@@ -218,6 +221,7 @@ def test_drift_is_found_within_three_uncertainties_and_no_walk_takes_its_place(
     assert drifted.channels[0].fit.symbols == plain.channels[0].fit.symbols == ("N", "B")
 
 
+@pytest.mark.slow
 def test_the_example_in_python_runs(capsys: pytest.CaptureFixture[str]):
     example = Path(__file__).parents[2] / "examples" / "noise_in_python.py"
     runpy.run_path(str(example))

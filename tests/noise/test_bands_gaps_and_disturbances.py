@@ -50,6 +50,7 @@ def test_bands_that_leave_nothing_are_refused():
         inercal.analyse_noise(vibrating(4, 5), skipped_bands=[(0, 30)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_k_is_stated_with_a_step_and_without_it(seed: int):
     y = draw(MEMS, 700 + seed)[0]

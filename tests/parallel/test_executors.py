@@ -46,6 +46,7 @@ def two_processes() -> Generator[ProcessExecutor]:
         yield executor
 
 
+@pytest.mark.slow
 def test_every_index_comes_once_from_both_processes(two_processes: ProcessExecutor):
     indices = [two_processes.submit(tasks.process_and_square, x) for x in range(1000)]
     found = dict(two_processes.completed())

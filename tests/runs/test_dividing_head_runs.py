@@ -130,6 +130,7 @@ def nees(outcome: Outcome, error: Array) -> float:
     return float(error @ np.linalg.solve(outcome.calibration.covariance, error)) / error.size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("collimated", ["pairs", "every"])
 def test_tables_of_another_program_give_the_truth_as_well_as_stated(
     tmp_path: Path, collimated: str
@@ -601,6 +602,7 @@ def pair_changes(kind: str) -> tuple[tuple[str, str], ...]:
     return (change,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["every", evidence("pairs"), "none"])
 def test_simulated_recordings_give_the_truth_as_well_as_stated(tmp_path: Path, kind: str):
     found: list[float] = []

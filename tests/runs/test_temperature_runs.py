@@ -56,6 +56,7 @@ def copy_example(folder: Path, changes: dict[str, str], table: str | None = None
     return folder / "soaks.toml"
 
 
+@pytest.mark.slow
 def test_the_example_recovers_the_truth_of_its_table(tmp_path: Path):
     outcome = calibrate(EXAMPLE / "soaks.toml")
     assert outcome.estimate.consistent

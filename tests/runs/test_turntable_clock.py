@@ -90,6 +90,7 @@ def readback_on_own_clock(
     return stamps, angles + tt.Table().white * rng.standard_normal(angles.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("seed", DENSE_SEEDS)
 @pytest.mark.parametrize(

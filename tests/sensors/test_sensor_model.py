@@ -154,6 +154,7 @@ def test_inverse_is_exact_at_40_g_with_a_scale_of_129_percent(form: Form, k2_per
     assert np.abs(back / f - 1).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_inverse_of_many_trials_and_many_chunks():
     sensor = imu().with_coefficients("bias", "scale", "misalignment", "g", "k2")
     c = np.stack([coefficients(sensor, seed) for seed in range(2)])

@@ -81,6 +81,7 @@ def cubic(y: Array, w: Array, setting: Settings) -> None:
     y += 2e-7 * w**3
 
 
+@pytest.mark.slow
 def test_biases_that_differ_between_settings_are_named_turn_on():
     found = [platform(seed, change=switched).verdict for seed in range(2)]
     assert [one.suspect and one.suspect.name.partition("[")[0] for one in found] == ["turn_on"] * 2
@@ -89,6 +90,7 @@ def test_biases_that_differ_between_settings_are_named_turn_on():
         assert [(c.section, c.key) for c in advice.changes] == [("bench", "turn_on")]
 
 
+@pytest.mark.slow
 def test_a_wrong_latitude_is_named_and_not_a_sensitivity_to_acceleration():
     names = [platform(seed, latitude=60.0).verdict.suspect for seed in range(2)]
     assert [one and one.name for one in names] == ["latitude"] * 2
@@ -213,6 +215,7 @@ def switched_between_sections(seed: int, folder: Path) -> Outcome:
     return inercal.calibrate(folder / "run.toml")
 
 
+@pytest.mark.slow
 def test_gyros_that_were_switched_on_anew_before_each_section_are_named(tmp_path: Path):
     for seed in range(2):
         verdict = switched_between_sections(seed, tmp_path).verdict

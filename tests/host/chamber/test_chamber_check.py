@@ -173,6 +173,7 @@ def test_the_driver_of_the_f4t_passes(unit: int):
     assert failed(results) == set(), results
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "form", ["scpi-chamber://127.0.0.1:{}", evidence("scpi-chamber:tcp://localhost:{}")]
 )
@@ -205,6 +206,7 @@ SIMULATOR_FAULTS: dict[str, Callable[[Any], None]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SIMULATOR_FAULTS)
 def test_a_fault_of_the_simulator_is_found(name: str):
     with served(SimulatedScpiChamber()) as server:

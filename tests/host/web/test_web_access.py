@@ -10,6 +10,7 @@ TOKEN = "correct horse battery"
 EVIL = "http://evil.example"
 
 
+@pytest.mark.slow
 def test_a_websocket_of_another_origin_is_refused(served: Served, watched: Page):
     for origin in (EVIL, "null", None, "http://127.0.0.1:1", "https://x"):
         with pytest.raises(InvalidStatus) as refusal:
@@ -18,6 +19,7 @@ def test_a_websocket_of_another_origin_is_refused(served: Served, watched: Page)
     served.was_refused("origin")
 
 
+@pytest.mark.slow
 def test_what_another_site_posts_is_refused(served: Served, watched: Page):
     for origin in (EVIL, "null", ""):
         answer = served.ask("/api/probe", "POST", b"{}", {"Origin": origin})
