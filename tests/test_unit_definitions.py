@@ -27,6 +27,7 @@ def registry() -> Any:
     return make(lines)
 
 
+@pytest.mark.slow
 def test_products_of_powers_have_the_size_and_dimension_that_pint_finds(registry: Any):
     rng = random.Random(0)
     for _ in range(2_000):

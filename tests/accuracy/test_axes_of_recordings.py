@@ -101,6 +101,7 @@ def placed(made: FerrarisSession, rate_hz: float) -> tuple[Mark, ...]:
     return tuple(one for one in marks if one.stop <= made.time.size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "sessions"), sampled(4, 10))
 @pytest.mark.parametrize(
     "changes",

@@ -87,6 +87,7 @@ def test_crossings_lie_on_the_course_within_their_uncertainty(refreshed: float):
     assert abs(off.mean()) < 3 / np.sqrt(off.size)
 
 
+@pytest.mark.slow
 def test_a_warm_up_that_has_become_one_exponential_is_known_as_such():
     for warm, expected in ((WarmUp(), False), (WarmUp(lost=300.0), True)):
         time, kelvin, _ = warm_ups.made(warm, np.random.default_rng(3))

@@ -140,6 +140,7 @@ def test_plots_are_read_and_zoomed_by_keys(page: Page, scripted: ScriptedServer)
     assert not scripted.heard
 
 
+@pytest.mark.slow
 def test_the_time_of_an_event_shows_it_in_the_plots(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     scripted.tell(messages.event(96.0, "the watchdog is heard again", "warning"))
@@ -150,6 +151,7 @@ def test_the_time_of_an_event_shows_it_in_the_plots(page: Page, scripted: Script
     expect(page.locator("#notice")).not_to_be_empty()
 
 
+@pytest.mark.slow
 def test_readings_are_plotted_before_the_axes_have_their_zeros(
     page: Page, scripted: ScriptedServer
 ):

@@ -41,6 +41,7 @@ def test_a_run_is_shown_with_its_numbers_and_units(page: Page, scripted: Scripte
     expect(page.locator("#attitude-numbers")).to_contain_text("strapdown matrix")
 
 
+@pytest.mark.slow
 def test_before_anything_is_estimated_the_tables_attitude_is_shown(
     page: Page, scripted: ScriptedServer
 ):
@@ -51,6 +52,7 @@ def test_before_anything_is_estimated_the_tables_attitude_is_shown(
     expect(heading).to_have_text(re.compile(r"^heading\d+\.\d{3}—$"))
 
 
+@pytest.mark.slow
 def test_what_was_found_last_is_greyed_where_live_estimation_broke_off(
     page: Page, scripted: ScriptedServer
 ):

@@ -40,6 +40,7 @@ def test_a_run_is_set_up_and_started_by_keyboard_alone(page: Page, scripted: Scr
     }
 
 
+@pytest.mark.slow
 def test_plans_that_are_loaded_again_keep_the_focus(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
     chosen = page.get_by_role("radio", name=re.compile("mimu.toml"))
@@ -107,6 +108,7 @@ def test_the_ambient_temperature_is_a_number_and_goes_with_the_start(
     assert scripted.order("start")["ambient"] == 21.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("free", "looks", "may"), [(2e8, "small", True), (5e7, "care", True), (3e7, "bad", False)]
 )
@@ -132,6 +134,7 @@ def test_the_room_on_the_disk_is_said_before_a_start(
         expect(question.locator("#ask-start-room")).not_to_be_empty()
 
 
+@pytest.mark.slow
 def test_enter_in_a_field_starts_no_run(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
     page.get_by_label("Name").first.fill("Ada")

@@ -131,6 +131,7 @@ def test_a_prior_is_a_line_and_the_truth_where_none_is_stated(tmp_path: Path):
     assert made.imperfections[-2].stated == "20 µg"
 
 
+@pytest.mark.slow
 def test_rows_are_sorted_and_end_with_the_total():
     found = budget(six_position_experiment("ml"), 50, seed=6)
     for k in range(len(found.experiment.sensor.coefficients)):

@@ -112,6 +112,7 @@ def parse_unit(unit: str) -> DsiUnit:
     return parsed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["", "amended", "substituted"])
 def test_every_kind_of_certificate_is_valid(
     change: str,

@@ -134,6 +134,7 @@ def test_identical_input_gives_identical_bytes(laboratory: Laboratory, tmp_path:
     assert first.with_suffix(".xml").read_bytes() == second.with_suffix(".xml").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", [slow(x) if x == "zh" else x for x in LANGUAGES])
 def test_each_language_prints_its_own_texts(language: Language, laboratory: Laboratory):
     if language == "zh":

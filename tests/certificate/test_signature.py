@@ -154,6 +154,7 @@ def test_a_signed_dcc_does_not_vouch_for_the_pages_that_it_is_attached_to(
     assert checks["signature of the DCC"] is True
 
 
+@pytest.mark.slow
 def test_damaged_certificates_are_never_verified(signed: Path, keys: Path):
     damaged = signed.with_name("damaged")
     rng = np.random.default_rng(3)
@@ -175,6 +176,7 @@ def test_damaged_certificates_are_never_verified(signed: Path, keys: Path):
             assert ended.status in (2, 3), place
 
 
+@pytest.mark.slow
 def test_the_register_vouches_for_an_unsigned_certificate(laboratory: Laboratory):
     pdf = laboratory.issue()
     for file in (pdf, pdf.with_suffix(".xml")):

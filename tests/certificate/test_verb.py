@@ -149,6 +149,7 @@ def test_few_degrees_of_freedom_are_stated(laboratory: Laboratory, tmp_path: Pat
     assert squeezed("ν = 6 effective degrees of freedom") in text
 
 
+@pytest.mark.slow
 def test_a_file_of_the_order_adds_and_replaces(laboratory: Laboratory, tmp_path: Path):
     job = tmp_path / "job.toml"
     job.write_text(

@@ -81,6 +81,7 @@ def test_what_all_sessions_share_is_no_signal_and_a_new_determination_widens():
     np.testing.assert_allclose(wider.values.shewhart[:-1], found.values.shewhart[:-1], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_axis_that_scatters_more_takes_its_own_limits(seed: int):
     rng = np.random.default_rng(seed)
     beyond = 0

@@ -79,6 +79,7 @@ def test_a_register_gives_the_points_of_the_files_and_lists_what_is_doubtful(
     assert "JOB-1" not in printed
 
 
+@pytest.mark.slow
 def test_the_register_dates_by_the_job_and_files_in_any_order_give_the_same(
     folder: Path, tmp_path: Path
 ):

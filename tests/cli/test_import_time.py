@@ -30,6 +30,7 @@ def numpy_time() -> float:
     return processor_time("import numpy")
 
 
+@pytest.mark.slow
 def test_importing_inercal_takes_less_than_numpy(numpy_time: float):
     assert processor_time("import inercal") < IMPORT * numpy_time
 

@@ -100,6 +100,7 @@ def refused(folder: Path, *arguments: str | Path) -> None:
 NO_NAMES = ("a" * 300, "a\nb.csv", "a\udcff.csv", "a\x1b[2J.csv", "run.toml/a.csv")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", FILE_VERBS)
 def test_a_file_is_not_written_over_an_input_or_what_is_no_file(folder: Path, verb: str):
     arguments, inputs = FILE_VERBS[verb]
@@ -184,6 +185,7 @@ def test_a_table_of_the_same_columns_is_written_again_and_no_other(tmp_path: Pat
     refused(tmp_path, *arguments)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["report", "apply", "simulate", "plan"])
 def test_a_missing_folder_is_made_for_a_file(folder: Path, verb: str, tmp_path: Path):
     arguments, _ = FILE_VERBS[verb]

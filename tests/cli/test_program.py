@@ -105,6 +105,7 @@ def test_linear_algebra_has_one_thread_unless_told_otherwise(
     assert os.environ["OPENBLAS_NUM_THREADS"] == used
 
 
+@pytest.mark.slow
 def test_importing_the_package_changes_nothing_in_a_process():
     code = """
 import os, sys, threading

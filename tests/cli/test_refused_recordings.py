@@ -116,6 +116,7 @@ def test_no_picture_is_drawn_where_no_report_is_wanted(
     assert {path.name for path in tmp_path.iterdir()} == {"run.toml", "log.csv"}
 
 
+@pytest.mark.slow
 def test_a_recording_without_rests_is_refused_with_a_picture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):

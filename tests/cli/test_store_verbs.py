@@ -179,6 +179,7 @@ def test_the_history_is_written_as_a_page(program: Program, tmp_path: Path):
     refused(program("store", "history", NAME, "--out", out / "x.html"))
 
 
+@pytest.mark.slow
 def test_verb_and_page_state_the_next_calibration(program: Program, tmp_path: Path):
     program("store", "import", *ten(tmp_path, replace(DRIFTING, axes=("ax", "gx"))))
     page = tmp_path / "history.html"

@@ -70,6 +70,7 @@ def test_arrays_of_a_mat_file_with_own_clocks_are_paired(form: str, step: float,
     assert_true(calibrated(draft), BIASES | GYRO_BIASES, k=4)
 
 
+@pytest.mark.slow
 def test_arrays_of_unequal_length_without_clocks_are_named(tmp_path: Path):
     log, _, rate = both()
     scipy.io.savemat(tmp_path / "log.mat", {"acc": log["f"], "gyr": rate})

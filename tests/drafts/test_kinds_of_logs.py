@@ -111,6 +111,7 @@ NAMES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("names", "offset"),
     representative(
@@ -370,6 +371,7 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path: Path):
     assert caught.value.names == (str(first), str(second))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "head",
     [evidence("mounting,table_rate_dps"), evidence("up,omega"), "side,w_table (rad/s)"],
@@ -390,6 +392,7 @@ def test_a_rate_table_is_drafted_with_questions_about_its_bench(head: str, tmp_p
     assert_true(calibrated(draft), truth | scales)
 
 
+@pytest.mark.slow
 def test_the_printed_command_answers_all_questions_at_once(tmp_path: Path):
     faces, rows = logs.rates(3, 48.0, (-200, -50, -10, 0, 10, 50, 200))
     names = ("axis", "rate", "gx (deg/s)", "gy (deg/s)", "gz (deg/s)")
@@ -406,6 +409,7 @@ def test_the_printed_command_answers_all_questions_at_once(tmp_path: Path):
     assert inercal.calibrate(tmp_path / "run.toml").verdict.grade == "consistent"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "unit", "size"), [("rate (rad/s)", "rad/s", np.pi / 30), ("arm_rate_dps", "°/s", 6.0)]
 )

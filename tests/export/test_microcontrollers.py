@@ -100,6 +100,7 @@ def project(request: pytest.FixtureRequest, tmp_path: Path) -> Project:
     return Project(folder, calibration)
 
 
+@pytest.mark.slow
 def test_the_sketch_prints_the_corrected_samples(project: Project):
     sketch = project.folder / "calibrated_imu"
     sources = (sketch / "calibrated_imu.ino", sketch / "imu_source.c", BOARDS / "arduino_main.cpp")

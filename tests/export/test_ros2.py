@@ -180,6 +180,7 @@ def test_without_noise_the_covariance_of_the_message_stays_and_unknown_stays_unk
     assert not matrix_of(sent, "angular_velocity").any()
 
 
+@pytest.mark.slow
 def test_the_noise_is_read_from_the_file_of_a_noise_analysis(load: Loaded, tmp_path: Path):
     path = tmp_path / "imu.yaml"
     path.write_text("accelerometer_noise_density: 2.0e-03\nupdate_rate: 50\n", encoding="utf-8")

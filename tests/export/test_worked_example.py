@@ -91,6 +91,7 @@ def test_matrices_of_kalibr(to: str):
     assert turn[2, 0] == pytest.approx(0.0021, abs=6e-7)
 
 
+@pytest.mark.slow
 def test_numbers_of_imu_calib_px4_and_imu_tk():
     yaml = pytest.importorskip("yaml")
     content = yaml.safe_load(export_calibration(example(), "imu_calib").text)

@@ -145,6 +145,7 @@ def test_a_corrected_line_is_exported_though_the_clock_was_ahead(
     assert exported(folder) == ahead
 
 
+@pytest.mark.slow
 def test_files_of_an_outdated_result_say_so(tmp_path: Path):
     folder = make_line(tmp_path / "line", 2)
     calibrate(folder)

@@ -226,6 +226,7 @@ class Interrupted(TolerantExecutor):
         self._serial.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [evidence(0), 1, evidence(3)])
 def test_an_interrupted_fleet_goes_on_to_the_same_rows(calibrated: Path, tmp_path: Path, most: int):
     folder = make_line(tmp_path, 8)

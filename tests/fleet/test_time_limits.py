@@ -92,6 +92,7 @@ def test_the_limit_follows_from_the_times_of_the_others():
     assert TimeLimit(3.0).seconds(10**9, early=True) == 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [evidence(1), 3, evidence(8)])
 def test_a_sensor_that_hangs_is_named_and_the_others_are_done(tmp_path: Path, batch: int):
     folder = make_line(tmp_path, 8)

@@ -197,6 +197,7 @@ def test_a_first_rest_that_was_interrupted_is_left_out_of_the_recording(run: Run
         assert parts.hold.tobytes() == block.hold.tobytes()
 
 
+@pytest.mark.slow
 def test_a_first_rest_of_twenty_seconds_is_enough(run: Run):
     bench = Bench(run, seed=6, faults=Faults(outages=((24.5, 30.0),)))
     made, block = taken(run, bench.frames())
@@ -269,6 +270,7 @@ def test_a_torn_frame_at_the_end_loses_what_it_held(
     assert part.hold.tobytes() == whole.hold[:n].tobytes()
 
 
+@pytest.mark.slow
 def test_nothing_comes_of_the_time_before_the_first_section_or_before_clocks_are_tied(run: Run):
     bench = Bench(run, seed=10)
     logged = bench.frames()

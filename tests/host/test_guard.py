@@ -129,6 +129,7 @@ def test_silence_counts_from_the_first_beat_and_stops_once(server: Served, guard
     assert _hear(guard, "at rest")
 
 
+@pytest.mark.slow
 def test_what_a_host_commands_while_its_table_is_stopped_is_stopped_again(
     server: Served, table: Pmac, guard: Guard
 ):
@@ -228,6 +229,7 @@ def test_a_table_that_is_gone_and_comes_back_is_stopped(server: Served, table: P
         assert not _turning(again)
 
 
+@pytest.mark.slow
 def test_a_guard_without_host_and_table_gives_up_in_the_end(server: Served, table: Pmac):
     with Guard(_address(server), patience=0.5) as guard:
         server.stop()
@@ -359,6 +361,7 @@ def _ended(pid: int) -> bool:
         return True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_host_that_is_killed_or_frozen_has_its_table_stopped(
     server: Served, table: Pmac, how: signal.Signals

@@ -57,6 +57,7 @@ def rests_from(my: ByHand, axis: int) -> float:
     return max(one.time for one in my.trace if abs(one.rates[axis]) > 0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("last", [2.53, *map(evidence, (2.5, 2.57, 2.61))])
 def test_a_jog_whose_messages_cease_brakes_within_0_3_s(my: ByHand, last: float):
     held = [*holds(my, 1.0, 2.4), (last, my.ask("hold", press=1))]
@@ -110,6 +111,7 @@ def test_a_jog_into_a_limit_stops_before_it_though_the_key_is_held(my: ByHand, s
     assert any("its limit is at" in words for words in my.said("warning"))
 
 
+@pytest.mark.slow
 def test_a_fault_of_one_axis_stops_all_and_is_in_the_journal(my: ByHand):
     fault = (2.0, lambda host: host.bench.fault("amplifier 2"))
     then = (4.0, my.ask("jog", axis="middle", rate=5, press=2))

@@ -157,6 +157,7 @@ def samples(run: Run, frames: Sequence[LogFrame]) -> tuple[SampleAssembler, Samp
     return made, block
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_angles_between_are_true_where_digits_were_wrong(run: Run, seed: int):
     bench = Bench(run, seed=seed, quiet=True)

@@ -209,6 +209,7 @@ def test_without_a_terminal_real_hardware_needs_a_file_of_answers(tmp_path: Path
     assert not folder.exists()
 
 
+@pytest.mark.slow
 def test_a_confirmation_of_another_step_has_no_table_turn(
     tmp_path: Path, begun: Callable[[int], tuple[Run, InProcessBench]]
 ):

@@ -246,6 +246,7 @@ def test_the_readback_is_that_of_the_bench(run: Run):
         np.testing.assert_allclose(said, exact, rtol=0, atol=2 * 2 * np.pi / COUNTS_PER_TURN)
 
 
+@pytest.mark.slow
 def test_noise_of_the_readback_is_of_its_cycle_however_often_it_is_asked_for(run: Run):
     assert isinstance(run.bench, Turntable)
     noisy = replace(run, bench=replace(run.bench, white=1e-4, harmonics=()))

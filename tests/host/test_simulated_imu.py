@@ -326,6 +326,7 @@ def test_a_host_gets_every_byte_also_after_it_was_plugged_anew(kind: str, tmp_pa
     assert sender.sent == 2 * 4 * 36
 
 
+@pytest.mark.slow
 def test_a_port_that_nobody_reads_overruns_and_holds_nobody_up(tmp_path: Path):
     port = TerminalPort(tmp_path / "imu")
     lot = bytes(1 << 20)

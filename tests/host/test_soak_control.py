@@ -99,6 +99,7 @@ def test_the_next_soak_begins_with_its_first_step(bench: Bench):
     assert bench.chamber.case_temperature == pytest.approx(ZERO + 25, abs=200 * CRITERIA.drift)
 
 
+@pytest.mark.slow
 def test_without_a_thermometer_the_stated_time_counts():
     profile = ChamberProfile((ZERO - 20, ZERO + 25), wait=1200.0)
     bench = Bench(replace(SOAKS, profile=profile), has_thermometer=False)
@@ -128,6 +129,7 @@ def test_a_soak_that_is_lost_must_become_stable_again(bench: Bench):
     bench.wait_until_stable()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("fault", "named"), [("door", "door"), ("sensor", "sensor failure")])
 def test_a_chamber_that_reports_a_fault_ends_the_run_within_a_second(
     bench: Bench, fault: str, named: str
@@ -183,6 +185,7 @@ def test_a_temperature_that_runs_away_ends_the_run_within_a_second(
     assert "10 K/min" in bench.words
 
 
+@pytest.mark.slow
 def test_the_chamber_at_its_own_rate_with_noise_is_not_too_fast():
     environment = replace(SOAKS, criteria=replace(CRITERIA, max_rate=3.5 / 60))
     bench = Bench(environment)

@@ -80,6 +80,7 @@ def messages(path: Path) -> Iterator[tuple[str, int, Any]]:
             yield connection.topic, ns, store.deserialize_cdr(raw, connection.msgtype)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "storage"), PLACES)
 def test_inercal_reads_back_every_bit(tmp_path: Path, name: str, storage: str):
     made = motion()

@@ -120,6 +120,7 @@ def test_more_rows_than_the_samples_show_are_read(
     assert len(loads) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [b"\xff", b"\0", b"7" * (LONGEST_LINE + 1)])
 def test_what_is_no_text_is_refused_before_a_missing_column(
     loads: list[bool], tmp_path: Path, wrong: bytes

@@ -117,6 +117,7 @@ def test_readers_have_the_names_they_are_registered_by():
     assert {one.name: one.keys for one in READERS.values()} == keys | {"text": ("skip",)}
 
 
+@pytest.mark.slow
 def test_no_reader_is_imported_before_a_file_is_read():
     text = (
         "import sys, inercal.cli.app, inercal.recordings.io.read; "

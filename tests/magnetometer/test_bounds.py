@@ -88,6 +88,7 @@ def test_uncertainties_for_a_number_of_rests(make, expected):
     assert_medians(draw(make), expected, digits)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tilt", "offset", "alignment"),
     [

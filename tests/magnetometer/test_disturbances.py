@@ -157,6 +157,7 @@ def test_a_homogeneous_field_has_an_upper_bound():
     assert 0 < high < 0.005
 
 
+@pytest.mark.slow
 def test_more_than_five_per_cent_is_refused():
     rng = np.random.default_rng(3)
     own = sim.device(rng)

@@ -48,6 +48,7 @@ def test_the_attitude_is_integrated_exactly():
     np.testing.assert_allclose(turns, long, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", [1, evidence(2), evidence(3)])
 @pytest.mark.parametrize("noise", [True, False], ids=["stated noise", "noise of the data"])
 def test_coefficients_biases_and_delay_are_found_within_4_u(device: int, noise: bool):

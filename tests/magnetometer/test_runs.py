@@ -78,6 +78,7 @@ def test_axes_as_stated_are_calibrated_and_others_refused(which: str, rng: Rng, 
     assert "run.toml" in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hemisphere", "other", "sign"), [("north", "south", 1), ("south", "north", -1)]
 )
@@ -149,6 +150,7 @@ def test_a_constant_axis_is_refused(rng: Rng, tmp_path: Path):
     assert "my" in refusal(path)
 
 
+@pytest.mark.slow
 def test_repeated_values_of_a_slow_magnetometer_count_once(rng: Rng, tmp_path: Path):
     own, attitude, every = sim.device(rng), sim.scattered(rng, N), 5
     sizes = []

@@ -90,6 +90,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "count"), sampled(30, 200))
 def test_errors_of_24_rests_agree_with_their_covariance(seed, count):
     errors, chi2, dof = [], 0.0, 35
@@ -226,6 +227,7 @@ def test_temperature_coefficients_of_the_offset_are_estimated(seed, count):
     assert np.mean(errors) == pytest.approx(1, abs=band(3, count))
 
 
+@pytest.mark.slow
 def test_an_offset_of_twenty_fields_does_not_disturb_the_starts():
     for k in range(20):
         rng = np.random.default_rng(k)

@@ -128,6 +128,7 @@ def test_rows_alone_are_blamed_on_no_coefficient():
     assert find_omitted_coefficients(seen, sensor, BENCH, spins).words == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [10.0, 0.1])
 def test_a_decimal_point_that_slipped_is_named(factor: float):
     output, rates = outputs(TRUTH, 7)

@@ -90,6 +90,7 @@ def test_a_creep_that_is_not_declared_is_named():
     assert said(made(Bench(creep=3.0), 8, creep=0.0))["creep"] >= 7
 
 
+@pytest.mark.slow
 def test_an_outlying_row_is_named():
     change = np.zeros((24, 2))
     change[5, 0] = 1e-5 * G0

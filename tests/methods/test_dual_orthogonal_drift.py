@@ -64,6 +64,7 @@ def test_a_drift_that_is_declared_is_in_what_is_stated(collimated: str, reverse:
     assert bound(found)["k0"] == pytest.approx(TABLE[collimated, reverse][3], abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("collimated", "reverse", "seed"), chosen(PLACES, PLACES[::3]))
 def test_a_drift_that_is_not_declared_is_in_the_residuals_alone(
     collimated: str, reverse: bool, seed: int

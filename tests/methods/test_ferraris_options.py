@@ -94,6 +94,7 @@ def test_other_numbers_of_angles_are_refused(count: int):
         METHOD.plan(angle=(6.0,) * count)
 
 
+@pytest.mark.slow
 def test_gyros_alone_take_positions_as_stated(seed: int):
     rng = np.random.default_rng([seed, 2])
     device = mems(rng, arm=np.array([0.03, -0.02, 0.05]))

@@ -90,6 +90,7 @@ def test_gyros_turned_about_one_axis_are_refused_by_name():
     assert "no rest has +x or −x within 45° of straight up" in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_a_hemisphere_is_accepted_and_what_would_make_it_better_is_said():
     ups = directions(40, np.random.default_rng(0))
     found = calibrated(ups[ups[:, 2] > 0.1], also=("g",))

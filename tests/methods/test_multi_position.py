@@ -401,6 +401,7 @@ def test_a_gyro_turned_about_one_axis_only_leaves_the_others_open(estimator: str
     assert scales == {f"g{'xyz'[k]}.scale" for k in {0, 1, 2} - {axis}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [85, *(pytest.param(seed, marks=pytest.mark.evidence) for seed in (86, 87))]
 )
@@ -435,6 +436,7 @@ def test_reversed_accelerometers_are_told_from_gyros_that_are_sensitive_to_g(
     assert [one.what for one in findings] == ([found] if found and found != "".join(also) else [])
 
 
+@pytest.mark.slow
 def test_bent_accelerometers_are_found_on_wish():
     rng = np.random.default_rng(88)
     device, sensor = mems(rng), whole("g", "k2", "k3")
@@ -476,6 +478,7 @@ def test_the_accelerometers_of_sequential_are_those_found_without_gyros():
     )
 
 
+@pytest.mark.slow
 @both
 def test_the_clock_of_the_recording_is_in_every_gyro_scale(estimator: str):
     """All turns are integrals over its time: nothing in a session tells it from the scale."""
@@ -538,6 +541,7 @@ def gravity_lines(gravity_sd: float, positions: int = 24) -> list[str]:
     return [note for note in notes if "comes from gravity" in note or "These attitudes" in note]
 
 
+@pytest.mark.slow
 def test_scale_factors_that_gravity_limits_ask_for_a_better_gravity():
     (line,) = gravity_lines(2e-2)
     assert "ax.k1, ay.k1, az.k1" in line

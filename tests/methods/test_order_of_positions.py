@@ -98,6 +98,7 @@ def test_six_positions_tell_an_effect_of_their_order_that_they_cannot_see(effect
     assert all(EFFECTS[effect] in text for text in notes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "size"), [("step", 2 * MG), ("before", MG), ("sense", MG)])
 @pytest.mark.parametrize("more", [("x_p", "y_p", "z_p"), evidence(SIX[::-1])])
 def test_positions_that_are_visited_again_show_it(effect: str, size: float, more: Sequence[str]):

@@ -209,6 +209,7 @@ def outcome_of(reports: Path, folder: Path, file: str, rest: str) -> Outcome:
     return calibrate(read(path))
 
 
+@pytest.mark.slow
 def test_the_gyros_of_a_log_of_two_decimals(reports_dir: Path, tmp_path: Path):
     outcome = outcome_of(
         reports_dir, tmp_path, "02_gyro_two_decimals.csv", 'name = "multi_position"\n'

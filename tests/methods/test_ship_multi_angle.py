@@ -267,6 +267,7 @@ def test_rests_on_a_leaning_table_are_stated_as_they_err(name: str, seed: int):
     assert not_told.mean() > 1.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("lean", [9e-4, 6e-3])
 def test_a_table_that_stops_at_one_azimuth_takes_little_from_what_is_stated(lean: float, seed: int):

@@ -110,6 +110,7 @@ def _turns(
     return np.abs(done.velocity).max(), np.abs(turned).max()
 
 
+@pytest.mark.slow
 def test_a_turn_with_true_parameters_ends_at_rest():
     sensor, table = sensor_of(made.NAVIGATION), NOMINAL
     truth, _ = made.draw_truth(made.NAVIGATION, np.random.default_rng(2))
@@ -251,6 +252,7 @@ def test_reversed_and_exchanged_axes_are_refused_by_name(grade: str, mistake: st
     assert mistake in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_an_imu_off_by_two_per_cent_and_a_degree_is_calibrated():
     """A bound of 5° of the forces would refuse it; mistakes of axes and units leave 86° or more."""
     grade = replace(made.TACTICAL, scale=20_000 * PPM, delta=3600 * ARCSEC, bias=1000 * made.DEG_H)
@@ -311,6 +313,7 @@ def test_gravity_and_latitude_enter_as_shared_errors():
         assert (np.abs(shift - step * by[:p]) < 0.02 * one.std[:p] + 0.01 * np.abs(shift)).all()
 
 
+@pytest.mark.slow
 def test_instants_are_integrated_as_well_as_means():
     table, sensor = SHORT, sensor_of(made.NAVIGATION)
     recorded = device("N", rate_hz=100.0, noisy=False, samples="instant")
@@ -330,6 +333,7 @@ def test_a_lag_of_many_samples_is_found():
     assert np.abs(error / np.sqrt(np.diag(covariance))).max() < 0.05
 
 
+@pytest.mark.slow
 def test_a_table_that_creeps_or_is_knocked_fails_the_test_of_halves():
     sensor, table = sensor_of(made.NAVIGATION), made.Table()
     for changed in ({"creep": (2 * ARCSEC, 10.0)}, {"knock": (20 * ARCSEC, 300.0)}):

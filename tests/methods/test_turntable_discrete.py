@@ -64,6 +64,7 @@ def scores(grade: made_by.Grade, seeds: int, base: int) -> tuple[Score, Score]:
     return score(*both, made.coefficients, "g"), score(*both, made.coefficients, "a")
 
 
+@pytest.mark.slow
 def test_without_noise_and_with_a_perfect_table_the_truth_comes_out():
     made = sensor()
     draw = made_by.draw(3, 2, discrete(10.0), QUIET, PLAIN, hz=50.0)

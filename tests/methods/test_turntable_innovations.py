@@ -208,6 +208,7 @@ def test_turns_that_are_too_small_name_what_rests_on_the_guess():
     assert not any(re.search(r"g[xyz]\.scale", note) for note in found(drawn(1)).notes)
 
 
+@pytest.mark.slow
 def test_a_recording_at_rest_needs_no_gyros_for_accelerometers():
     one = track(drawn(2)).trial(0)
     still = replace(one, reading=np.where(np.arange(6) < 3, one.reading, 0.0))

@@ -216,6 +216,7 @@ def _compare(
     np.testing.assert_allclose(found.std[early : len(steps)], sd[early:], rtol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [GyroFilter, AccelerometerFilter])
 def test_constants_are_all_along_what_they_are_at_the_end(
     made: turntable.Draw, kind: type[GyroFilter] | type[AccelerometerFilter]

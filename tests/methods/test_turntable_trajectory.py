@@ -269,6 +269,7 @@ def test_attitudes_at_the_ends_of_whole_turns_alone_leave_six_directions_open():
     assert all("delta" in name for name in refusal.value.names)
 
 
+@pytest.mark.slow
 def test_an_axis_that_was_never_turned_is_refused_unless_a_prior_says_what_it_is():
     made = sensor()
     path = [step for step in BRIEF if step[0] not in ("x+", "y+")]

@@ -135,6 +135,7 @@ def test_lengths_of_recordings_are_those_of_the_note(
         assert found == pytest.approx(expected, rel=0.15)
 
 
+@pytest.mark.slow
 def test_lost_single_samples_are_closed_up_and_long_gaps_part_the_recording():
     y = draw(replace(MEMS, n=8192), 1)[0]
     whole = recording(y, 0.25)
@@ -168,6 +169,7 @@ def test_the_band_of_a_vibration_is_named_with_its_power():
     assert worst.level == pytest.approx(9 / white, rel=0.2)
 
 
+@pytest.mark.slow
 def test_gmwm_is_reported_only_where_it_is_possible():
     y = draw(replace(MEMS, n=4096), 1)[0]
     whole = recording(y, 0.25)
@@ -181,6 +183,7 @@ def test_gmwm_is_reported_only_where_it_is_possible():
     assert any("gmwm" in text for text in parted.remarks)
 
 
+@pytest.mark.slow
 def test_estimates_do_not_depend_on_the_averaging_times_that_are_reported():
     y = recording(draw(replace(MEMS, n=2048), 1)[0], 0.25)
     octave, every = (

@@ -117,6 +117,7 @@ def shaken(seconds: float) -> Recording:
     return recording(y * DEG_H, dt)
 
 
+@pytest.mark.slow
 def test_noise_that_the_disturbed_times_change_by_more_than_u_is_not_to_be_relied_on():
     analysis = inercal.analyse_noise(shaken(1.0), terms="N", kinds=())
     assert analysis.channels[0].disturbed

@@ -119,6 +119,7 @@ def test_a_minimum_gives_back_the_coefficients_whose_deviation_has_it(tmp_path: 
     assert "1.44 °/h" in low.error
 
 
+@pytest.mark.slow
 def test_values_of_three_axes_are_one_root_mean_square_for_a_triad(tmp_path: Path):
     sheet = write_sheet(tmp_path, white='["1 °/√h", "2 °/√h", "3 °/√h"]',
                         white_kind='"random walk"')  # fmt: skip

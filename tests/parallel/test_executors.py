@@ -199,6 +199,7 @@ def waiting(tmp_path: Path) -> Generator[subprocess.Popen[str]]:
     process.communicate()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="a terminal's interrupt needs a group")
 def test_an_interrupt_from_the_keyboard_is_one_line_and_leaves_no_process(
     waiting: subprocess.Popen[str],
@@ -209,6 +210,7 @@ def test_an_interrupt_from_the_keyboard_is_one_line_and_leaves_no_process(
     assert (waiting.returncode, output, errors.splitlines()) == (130, "", ["inercal: stopped"])
 
 
+@pytest.mark.slow
 def test_no_process_outlives_one_that_was_killed(waiting: subprocess.Popen[str]):
     os.kill(waiting.pid, DIES)
     waiting.communicate(timeout=LIMIT)

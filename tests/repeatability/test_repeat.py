@@ -28,6 +28,7 @@ def test_what_sessions_share_is_not_averaged():
     assert np.all(many.mean.scatter_std < 0.6 * few.mean.scatter_std)
 
 
+@pytest.mark.slow
 def test_another_determination_in_each_session_is_averaged():
     sessions = [
         replace(one, calibration=replace(one.calibration, shared=tuple(

@@ -78,6 +78,7 @@ def test_an_addition_that_another_cause_replaces_is_not_consistent(example: Path
     assert calibrate(example, also=["a.k2"]).verdict.grade == "consistent"
 
 
+@pytest.mark.slow
 def test_the_option_sets_it_for_one_run(example: Path, tmp_path: Path):
     plain = example.with_name("left_out.toml")
     ended = run_program("calibrate", plain, "--auto", "--json", "--no-report", "--out", tmp_path)
@@ -165,6 +166,7 @@ def test_half_of_the_degrees_of_freedom_are_kept(tmp_path: Path):
     assert calibrate(run_file, also=["k2"]).estimate.converged
 
 
+@pytest.mark.slow
 def test_coefficients_of_temperature_are_left_to_their_orders(example: Path):
     run_file = example.parents[1] / "six_position" / "soaks.toml"
     table = run_file.with_suffix(".csv")

@@ -711,6 +711,7 @@ def test_corrected_recordings_hold_the_force_along_the_accelerometers(tmp_path: 
     assert norm[still].mean() == pytest.approx(9.80153, abs=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seconds", "most"), [(0.1, 1.1), (1.0, 1.25)])
 def test_coloured_noise_is_in_the_standard_error(seconds: float, most: float):
     """Correlated over 1/300 or 1/30 of a position; taken as white it would be 1.6 or 4.5 times."""

@@ -103,6 +103,7 @@ def test_curves_are_the_polynomials_with_their_covariance(soaked: tuple[Path, Ou
     np.testing.assert_allclose(curve.std**2, variance, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_apply_refuses_two_kelvin_beyond_unless_asked_and_then_marks(
     soaked: tuple[Path, Outcome], tmp_path: Path
 ):

@@ -133,6 +133,7 @@ def test_the_plan_expects_what_the_table_gives(folder: Path):
         assert found.uncertainty(name) == pytest.approx(sd, rel=0.05)  # δ of 17′ times a setting
 
 
+@pytest.mark.slow
 def test_a_recording_of_accelerometers_in_poses_needs_no_gyros(folder: Path):
     text = """[sensor.accelerometer]
 unit = "g"

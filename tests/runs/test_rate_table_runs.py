@@ -91,6 +91,7 @@ def test_norm_estimators_name_the_free_directions(tmp_path: Path, estimator: str
     assert model.matrix == pytest.approx(np.eye(3), abs=0.05)
 
 
+@pytest.mark.slow
 def test_planar_states_alone_do_for_ship_planar(tmp_path: Path):
     name = ('name = "ship_multi_angle"', 'name = "ship_planar"')
     alone = calibrate(write_changed_example(tmp_path, name, rows=level)).calibration

@@ -84,6 +84,7 @@ def test_a_table_of_means_leaves_no_states():
     assert not run.kind.tables(run, calibrate(run))
 
 
+@pytest.mark.slow
 def test_states_are_not_written_over_their_recording(tmp_path: Path):
     run, _, states = write_states_table(tmp_path)
     recording = run.file(run.data.file)

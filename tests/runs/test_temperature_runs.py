@@ -148,6 +148,7 @@ def recorded(folder: Path) -> tuple[Path, ferraris.Imu, thermal.TemperatureSensi
     return folder / "run.toml", device, warm
 
 
+@pytest.mark.slow
 def test_a_recording_of_soaks_is_calibrated_and_corrected_at_its_temperatures(tmp_path: Path):
     run, device, warm = recorded(tmp_path)
     outcome = calibrate(run)

@@ -186,6 +186,7 @@ def test_a_first_rest_of_20_s_less_its_settling_is_accepted(folder: Path, second
     assert np.isfinite(coarse_bias(run.bench, track, triad_model(run.sensor, "f"))).all()
 
 
+@pytest.mark.slow
 def test_unobserved_directions_of_a_path_are_named(tmp_path: Path):
     path = path_with_labels("warm-up", "y up", "z down")
     refused_run(simulate_recording(copy_run(tmp_path, path=path)), "gyros", NotObserved)
@@ -252,6 +253,7 @@ def test_a_path_in_a_run_by_hand_is_refused(tmp_path: Path):
     assert "six_position" in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_a_plan_predicts_the_stated_uncertainties(tmp_path: Path, nominal_outcome: Outcome):
     run = copy_run(tmp_path)
     sheet = turntable_path_sheet(run)

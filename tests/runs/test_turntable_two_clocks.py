@@ -302,6 +302,7 @@ def test_columns_and_units_of_the_readback_are_named_as_in_one_file(
         calibrate(run)
 
 
+@pytest.mark.slow
 def test_a_file_of_the_readback_that_cannot_be_read_is_refused(tmp_path: Path):
     run = simulate_files_of_run(copy_run(tmp_path, NPZ[0]))
     table = run.file("table.csv")

@@ -43,6 +43,7 @@ def test_differences_of_flickering_means_have_the_stated_variance(seed: int):
             assert np.var(drawn[:, r] - drawn[:, s]) == pytest.approx(variance, rel=0.1)
 
 
+@pytest.mark.slow
 def test_flickering_means_have_no_more_than_the_stated_variance_and_most_of_it():
     noise = Noise(bias_instability=0.5)
     ratio = np.var(means(noise, 4), axis=0) / np.diag(stated(noise))

@@ -93,6 +93,7 @@ def test_tilted_form_turns_a_unit_axis_and_the_nonlinearity_with_it():
     assert_allclose(sensor.forward(MOTION, c)[:, 0], (1 + k1) * a + k2 * a**2, rtol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["reference", "tilted"])
 def test_design_and_slope_are_the_derivatives_of_forward(form: Form):
     # every coefficient of both tables at once, against central differences

@@ -121,6 +121,7 @@ def test_causes_that_are_no_candidates_have_no_name_but_what_they_leave(
     assert not any(reason.startswith("the residuals point to") for reason in verdict.reasons)
 
 
+@pytest.mark.slow
 def test_a_cubic_scale_is_recommended_only_where_the_rates_determine_it():
     several, one = platform(5, change=cubic), platform(5, change=cubic, speeds=(0.0, 50.0))
     assert [given.coefficients for given in several.verdict.advice] == [("scale3",)]
@@ -254,6 +255,7 @@ def test_a_sensitivity_to_the_square_of_acceleration_is_named_beside_g():
     assert "gx.g_ip" in suspect.components
 
 
+@pytest.mark.slow
 def test_a_session_by_hand_tests_gravity_latitude_and_clock_as_stated():
     kinds = {one.name: one for one in hand_held(lambda data: None, 2).score_tests.scores}
     assert {"g", "timebase", "latitude", "g_ii"} <= set(kinds)

@@ -55,6 +55,7 @@ def test_slow_bodies_delay_nobody_elses_request(served: Served, watched: Page):
         served.was_refused("or it was the oldest of more than")
 
 
+@pytest.mark.slow
 def test_connections_that_ask_nothing_delay_nobody(served: Served, watched: Page):
     opened = sockets(served.port, MAX_CONNECTIONS + 50)
     try:
@@ -68,6 +69,7 @@ def test_connections_that_ask_nothing_delay_nobody(served: Served, watched: Page
             one.close()
 
 
+@pytest.mark.slow
 def test_a_body_without_the_token_is_not_waited_for(tmp_path: Path):
     with Served(tmp_path, TOKEN) as served:
         for path in ("/api/probe", "/api/stop", "/x"):
@@ -125,6 +127,7 @@ def test_clients_of_equally_many_places_do_not_drive_each_other_out(served: Serv
         assert (answer.status, "no active run" in answer.json["words"]) == (409, True)
 
 
+@pytest.mark.slow
 def test_a_stop_needs_no_websocket(served: Served):
     with served.page() as page:
         page.operate()

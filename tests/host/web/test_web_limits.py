@@ -25,6 +25,7 @@ from inercal.recordings import Recording
 HUGE = 100_000_000  # bytes
 
 
+@pytest.mark.slow
 def test_a_body_of_100_megabytes_is_refused_before_it_is_read(served: Served, watched: Page):
     own = f"Host: {served.host}\r\nOrigin: http://{served.host}\r\n"
     for head, chunk in (
@@ -92,6 +93,7 @@ def test_a_socket_that_asks_nothing_is_closed(
     served.was_refused("did not ask anything")
 
 
+@pytest.mark.slow
 def test_a_request_whose_answer_takes_too_long_is_closed_and_a_viewer_stays(
     served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
 ):
@@ -148,6 +150,7 @@ def test_messages_that_are_bytes_or_too_long_or_too_many_end_the_connection(
     served.was_refused("more than 20 messages per second")
 
 
+@pytest.mark.slow
 def test_frames_that_are_none_end_the_connection(served: Served, watched: Page):
     key = "dGhlIHNhbXBsZSBub25jZQ=="
     head = (
