@@ -2,6 +2,9 @@
 
 Only the module of the called verb is imported. It imports the modules for its work inside its
 function, after checking its inputs. Help and errors in a run file therefore appear quickly.
+
+A verb prints after its files are written. A closed pipe, a full disk or a character that the
+terminal cannot show must not end the verb before its exit status is known.
 """
 
 import codecs

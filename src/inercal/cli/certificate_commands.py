@@ -107,10 +107,9 @@ def issue(
     # The modules of the work load after the inputs were checked.
     from inercal.calibration.files import load
     from inercal.laboratory.certificate.content import CertificateInput
-    from inercal.laboratory.certificate.issue import IssueOptions, make_files
+    from inercal.laboratory.certificate.issue import IssueOptions, make_files, read_signing_key
     from inercal.laboratory.certificate.issue import issue as issue_certificate
     from inercal.laboratory.certificate.job import read_job
-    from inercal.laboratory.certificate.signature import read_signing_key
 
     if amends and replaces:
         raise _option_error("--replaces", "give --amends or --replaces, not both")

@@ -71,10 +71,9 @@ def run(
     """
     planned, path = _run_and_table(plan, run_file, out)
     # The modules of the work load after the run file was checked.
-    from inercal.host.guided.dialogue import GuidedMeasurement
+    from inercal.host.guided.dialogue import GuidedMeasurement, ReadingCheck
     from inercal.host.guided.instruments import open_sensor_instrument
     from inercal.host.guided.measurement_table import MeasurementTable, measurement_files
-    from inercal.host.guided.reading_check import ReadingCheck
 
     def say(text: str, end: str = "\n") -> None:
         print(visible_text(text), end=end, file=sys.stderr if json else sys.stdout, flush=True)

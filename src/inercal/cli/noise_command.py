@@ -10,7 +10,7 @@ import typer
 from inercal.basics.errors import InputError
 from inercal.cli.console import open_register, print_json, print_written_files, progress_status
 from inercal.cli.log_drafts import stated_keys
-from inercal.cli.noise_view import NoiseFiles
+from inercal.cli.noise_outputs import NoiseFiles
 from inercal.cli.options import Force, Json
 from inercal.cli.outputs import PAGE, check_outputs
 

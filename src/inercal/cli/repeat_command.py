@@ -41,8 +41,7 @@ def run(
     from inercal.basics.documents import document_text
     from inercal.calibration.files import save
     from inercal.cli.session_inputs import read_sessions
-    from inercal.laboratory.repeatability import repeat
-    from inercal.laboratory.repeatability.files import next_use_calibration, repeatability_object
+    from inercal.laboratory.repeatability import next_use_calibration, repeat, repeatability_object
 
     given, inputs = read_sessions(files, table, sensor, register, same)
     sessions = [one.session for one in given]

@@ -46,7 +46,7 @@ TARGETS: Registry[Target] = Registry(
             "imu_tk": "triads:IMU_TK",
             "imucal": "triads:IMUCAL",
             "c": "c_headers:C",
-            "c_fixed": "c_fixed:TARGET",
+            "c_fixed": "c_headers:C_FIXED",
             "cpp": "c_headers:CPP",
             "matlab": "scripts:MATLAB",
             "python": "scripts:PYTHON",

@@ -18,8 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
-from inercal.export.target_definition import Rendering, Request, Target
+from inercal.export.target_definition import (
+    CalibrationReader,
+    Rendering,
+    Request,
+    StatedCalibration,
+    StatedTriad,
+    Target,
+)
 from inercal.export.targets import shared
 from inercal.export.targets.kalibr import NOISE_OPTIONS, frame_remark, noise_values
 from inercal.physics import frames

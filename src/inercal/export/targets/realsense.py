@@ -15,8 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
-from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.target_definition import (
+    CalibrationReader,
+    Rendering,
+    Request,
+    StatedCalibration,
+    StatedTriad,
+    Target,
+    TargetOption,
+)
 from inercal.export.targets import shared
 from inercal.physics.quantities import Measures
 
