@@ -23,6 +23,7 @@ from typer.main import get_group
 from inercal.basics.atomic_files import written_files
 from inercal.basics.errors import InercalError
 from inercal.basics.visible_text import visible_text
+from inercal.cli.options import flag
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
@@ -169,7 +170,7 @@ app = typer.Typer(
 
 @app.callback(invoke_without_command=True)
 def _options(
-    version: bool = typer.Option(False, "--version", help="Print the version and exit."),
+    version: bool = flag("--version", "Print the version and exit."),
 ) -> None:
     if version:
         from importlib.metadata import version as installed
