@@ -34,8 +34,8 @@ TARGETS: Registry[Target] = Registry(
         for name, place in {
             "kalibr": "kalibr:KALIBR",
             "openvins": "kalibr:OPENVINS",
-            "basalt": "basalt:TARGET",
-            "realsense": "realsense:TARGET",
+            "basalt": "camera_files:BASALT",
+            "realsense": "camera_files:REALSENSE",
             "imu_calib": "triads:IMU_CALIB",
             "px4": "px4:TARGET",
             "ardupilot": "ardupilot:TARGET",
