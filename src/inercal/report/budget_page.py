@@ -117,7 +117,7 @@ def _draw_panel(axes: Axes, heading: str, rows: Sequence[BudgetRow]) -> None:
     for place, row, size in zip(places, rows, sizes, strict=True):
         end = max(size, row.linear / largest)
         axes.text(end + 0.03, place, row.monte_carlo, va="center", color=INK, size=7)
-    axes.set_title(title, x=0, pad=4)
+    axes.set_title(heading, x=0, pad=4)
 
 
 _ROWS = 5  # points in the table

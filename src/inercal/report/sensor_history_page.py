@@ -115,7 +115,6 @@ _VERDICT_WORDS: dict[TrendVerdict, str] = {
     "steady": "steady",
 }
 _HEIGHT, _LABEL_ROOM = 1.3, 0.4  # inches
-_COLUMNS = 2
 _TIME_MARGIN = 0.04  # fraction of the time shown
 _LARGEST_MARGIN = 30.0  # days added on both sides of a short time, which keep points apart
 # Formats for ticks one year, one month, … apart, and for ticks at the start of a longer unit.
