@@ -18,13 +18,16 @@ from tests.certificate.pdf_text import page_texts, squeezed
 from inercal.basics.errors import InputError
 from inercal.calibration.files import load
 from inercal.laboratory.certificate.content import (
+    LANGUAGES,
     CertificateChange,
     CertificateInput,
+    Language,
+    Texts,
     make_certificate,
+    text_table,
 )
 from inercal.laboratory.certificate.issue import find_font, write_pdf_a1
 from inercal.laboratory.certificate.job import read_job
-from inercal.laboratory.certificate.texts import LANGUAGES, Language, Texts, text_table
 from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.runfile.job import read_laboratory
 

@@ -15,8 +15,8 @@ from tests.certificate.signing_keys import PASSPHRASE, write_chain
 from tests.program import run_program
 
 from inercal.cli.certificate_commands import PASSPHRASE as VARIABLE
+from inercal.laboratory.certificate.content import LANGUAGES, Language, Texts
 from inercal.laboratory.certificate.dcc_reading import schema_defects
-from inercal.laboratory.certificate.texts import LANGUAGES, Language, Texts
 
 
 def verified(*arguments: str | Path) -> tuple[int, dict[str, bool | None]]:

@@ -14,8 +14,7 @@ from inercal.basics.documents import document_text
 from inercal.calibration.comparison import compare
 from inercal.calibration.comparison.run_to_run import RunScatter, against_scatter
 from inercal.calibration.files import save
-from inercal.laboratory.repeatability import repeat
-from inercal.laboratory.repeatability.files import repeatability_object
+from inercal.laboratory.repeatability import repeat, repeatability_object
 from inercal.laboratory.store import Register
 
 TURN_ON = np.array([60.0, 30.0, 0.0])[KIND] * MICRO

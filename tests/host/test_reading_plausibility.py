@@ -19,9 +19,9 @@ from inercal.host.assembly.reading_plausibility import (
     AxisReading,
     ReadingPlausibility,
 )
+from inercal.host.drivers.rotary_table import unpack_states
 from inercal.host.live_estimator import LiveEstimator
 from inercal.host.run_log import TABLE, LogFrame
-from inercal.host.table_state_codec import unpack_states
 from inercal.runfile import Run
 
 ARCSEC = radians(1 / 3600)

@@ -24,6 +24,7 @@ from inercal.host.clock import SimulatedClock, Tick
 from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.link import open_link
 from inercal.host.packets import Decoder, read_layout
+from inercal.host.packets.encode import PacketPacker
 from inercal.host.sim import bench_simulator as bench_module
 from inercal.host.sim.bench_simulator import (
     COUNTS_PER_TURN,
@@ -33,7 +34,6 @@ from inercal.host.sim.bench_simulator import (
 )
 from inercal.host.sim.imu_model import SimulatedImu
 from inercal.host.sim.mimu import PacketSender, serve_motion
-from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.server import SimulatorServer
 from inercal.host.sim.simulated_errors import draw_errors
 from inercal.runfile import Run, read

@@ -14,11 +14,11 @@ from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import motion
 from inercal.host.link import LinkLost, SerialLink, TcpLink, open_link
 from inercal.host.packets import PRESETS, Decoder, encode, read_layout
+from inercal.host.packets.encode import PacketPacker
 from inercal.host.sim import imu_model as kernel
 from inercal.host.sim.imu_model import SensorResponse, SimulatedImu, draw_bias_drift
 from inercal.host.sim.mimu import PacketSender, SimulatorPort, TcpPort, TerminalPort, packet_rate
 from inercal.host.sim.motion_link import MotionBlock
-from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.simulated_errors import draw_errors, noise_generator
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Noise, imu

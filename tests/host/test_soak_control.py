@@ -9,8 +9,7 @@ import pytest
 from tests.host.soak_runs import soak_run
 from tests.refusals import refused
 
-from inercal.host.chamber_port import ChamberPort
-from inercal.host.equipment import ChamberState
+from inercal.host.equipment import ChamberPort, ChamberState
 from inercal.host.link import LinkLost
 from inercal.host.packets import read_layout
 from inercal.host.sim.chamber import SimulatedChamber

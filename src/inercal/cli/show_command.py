@@ -16,7 +16,7 @@ from inercal.cli.console import (
     print_table,
     print_verdict,
 )
-from inercal.cli.options import Explain, Json
+from inercal.cli.options import Explain, Json, flag
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
@@ -34,10 +34,9 @@ def run(
     at: list[str] = typer.Option(
         [], help='A temperature, such as "-30 °C", at which to show a calibration\'s coefficients.'
     ),
-    as_paper: bool = typer.Option(
-        False,
+    as_paper: bool = flag(
         "--as-paper",
-        help="Show a centrifuge calibration as D, S and b of Wang and Li 2021, with g₀ = 9.8 m/s².",
+        "Show a centrifuge calibration as D, S and b of Wang and Li 2021, with g₀ = 9.8 m/s².",
     ),
     explain: Explain = False,
     json: Json = False,

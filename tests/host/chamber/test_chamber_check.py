@@ -10,8 +10,7 @@ from tests.base_seeds import evidence
 from tests.host.chamber.simulated_f4t import SimulatedF4t
 from tests.refusals import refused
 
-from inercal.host.driver_check import CheckResult, check_driver
-from inercal.host.driver_check.instrument_checks import CHAMBER_CHECKS
+from inercal.host.driver_check import CHAMBER_CHECKS, CheckResult, check_driver
 from inercal.host.drivers.scpi_chamber import ScpiChamber, open_scpi_chamber
 from inercal.host.equipment import CHAMBERS, ChamberState
 from inercal.host.link import LinkLost, open_link
