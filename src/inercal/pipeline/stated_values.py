@@ -26,13 +26,13 @@ from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter, QualifiedParameters
 from inercal.basics.units import Measured, format_quantity, format_value_and_uncertainty, si_factor
 from inercal.benches import Bench
-from inercal.benches.qualification.joint_prior import joint_prior
+from inercal.benches.qualification.bench_keys import joint_prior
 from inercal.calibration import SharedError
 from inercal.estimation import Estimate
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.earth import COMPUTED_GRAVITY_SD
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.coefficient_words import coefficient_words
+from inercal.physics.sensors.coefficient_selection import coefficient_words
 from inercal.runfile import Run
 
 

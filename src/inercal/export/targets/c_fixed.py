@@ -15,7 +15,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units.definitions import canonical_name
+from inercal.basics.units.expression import canonical_name
 from inercal.export.target_definition import STEP, Rendering, Request, Target, TargetOption
 from inercal.export.targets.c_headers import check_lines, header_text
 from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, needed

@@ -34,11 +34,12 @@ from inercal.basics.arrays import Array, Indices
 from inercal.basics.units import format_count
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.readback_increments import (
+    LEAST_LEFT,
     Increments,
     KnotSpacing,
+    WindowFit,
     find_increments,
 )
-from inercal.benches.turntable.reading.window_fit import LEAST_LEFT, WindowFit
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Track, join_tracks
 
