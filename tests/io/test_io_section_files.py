@@ -9,8 +9,9 @@ import pytest
 from tests.refusals import refused
 
 from inercal.pipeline import calibrate, simulate_files
+from inercal.recordings.io.file_patterns import is_pattern, matching_files
 from inercal.recordings.io.read import Columns
-from inercal.recordings.io.section_files import is_pattern, matching_files, read_sections
+from inercal.recordings.io.section_files import read_sections
 from inercal.runfile import read
 
 ROOT = Path(__file__).parents[2]

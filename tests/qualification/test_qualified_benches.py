@@ -19,7 +19,7 @@ from tests.methods.test_bench_sensitivities import ERRORS, HEADS, NEAR
 from inercal.basics.parameters import QualifiedParameters
 from inercal.basics.units import Measured
 from inercal.benches import Bench, DividingHead, Turntable
-from inercal.benches.qualification.bench_keys import with_joint_prior
+from inercal.benches.qualification.joint_prior import with_joint_prior
 from inercal.estimation import Estimate, Gaussian
 from inercal.methods.turntable_kalman.combined_estimate import run_filter
 from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS

@@ -3,7 +3,7 @@
 The comparison does not use a clock, because two computers may disagree about the time, and a clock
 may be set back.
 
-Find the recordings of a fleet, which are files in a folder or objects in a store.
+The recordings of a fleet are files in a folder or objects in a store.
 """
 
 from collections.abc import Generator, Iterator, Mapping, Sequence

@@ -317,7 +317,7 @@ def _variances(
             found = [variance(x, int(m), kind) for m in factors]
         return np.array([one[0] for one in found]), [one[1] for one in found]
     # Numba takes a second to load, which only pays off for long calculations.
-    from inercal.noise.numerics import squared_second_differences
+    from inercal.noise._kernels import squared_second_differences
 
     factors, strides = factors.astype(np.int64), strides.astype(np.int64)
     counts = (x.size - 2 * factors - 1) // strides + 1

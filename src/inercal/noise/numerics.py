@@ -1,19 +1,15 @@
 """Wrap the SciPy functions that the estimators use; SciPy is only imported when needed.
 
 SciPy has no stubs, and importing its parts takes up to a second.
-
-Sum squared second differences, which take most of the time of an Allan deviation.
-
-These functions read the cumulative sum only once, whereas NumPy reads it once for each operation.
 """
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.estimation.kernel_options import njit
 
 
 def dct2(values: Array, axis: int = -1) -> Array:
@@ -93,44 +89,3 @@ def normal_deviate(dof: Array, chi2: Array) -> Array:
     smallest = np.finfo(float).tiny
     low, high = (ndtri(np.maximum(one, smallest)) for one in (below, above))
     return np.asarray(np.where(below < 0.5, low, -high), dtype=np.float64)  # pyright: ignore
-
-
-_BLOCK = 4096  # differences per block for all factors; a block stays in the cache
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def squared_second_differences(
-    x: Array,
-    factors: NDArray[np.int64],
-    strides: NDArray[np.int64],
-    firsts: NDArray[np.int64],
-) -> Array:
-    """Return Σ (x[i+2m] − 2 x[i+m] + x[i])² over i for each factor m, (k,).
-
-    Parameters
-    ----------
-    x : (n,) array
-    factors, strides : (k,) array of int
-    firsts : (k,) array of int
-        First value of i, a multiple of the stride. The stride is then added repeatedly.
-    """
-    out = np.zeros(factors.size)
-    for begin in range(0, x.size, _BLOCK):
-        for j in range(factors.size):
-            m, stride = factors[j], strides[j]
-            end = min(begin + _BLOCK, x.size - 2 * m)
-            total = 0.0
-            start = max(begin, firsts[j])
-            if stride == 1:
-                if end > start:
-                    # The compiler vectorizes slices with a known step.
-                    early, middle, late = x[start:end], x[start + m : end + m], x[start + 2 * m :]
-                    for i in range(early.size):
-                        d = late[i] - 2.0 * middle[i] + early[i]
-                        total += d * d
-            else:
-                for i in range((start + stride - 1) // stride * stride, end, stride):
-                    d = x[i + 2 * m] - 2.0 * x[i + m] + x[i]
-                    total += d * d
-            out[j] += total
-    return out

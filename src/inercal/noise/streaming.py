@@ -136,7 +136,7 @@ class StreamedChannel:
 
     def _add_sums(self, y: Array) -> None:
         # Numba takes a second to load, which is only worthwhile for a long series.
-        from inercal.noise.numerics import squared_second_differences
+        from inercal.noise._kernels import squared_second_differences
 
         x = np.concatenate([self._tail, self._tail[-1] + np.cumsum(y)])
         old = self._tail.size

@@ -22,7 +22,7 @@ from inercal.pipeline.chamber_simulation import (
 )
 from inercal.recordings import Recording
 from inercal.recordings.data import recording_loader
-from inercal.recordings.io.section_files import is_pattern
+from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.simulation_mark import SIMULATION_OF
 from inercal.runfile import Run, read
 

@@ -26,7 +26,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter, QualifiedParameters
 from inercal.basics.units import Measured, format_quantity, format_value_and_uncertainty, si_factor
 from inercal.benches import Bench
-from inercal.benches.qualification.bench_keys import joint_prior
+from inercal.benches.qualification.joint_prior import joint_prior
 from inercal.calibration import SharedError
 from inercal.estimation import Estimate
 from inercal.estimation.uncertainty.coverage import COVERAGE

@@ -1,7 +1,4 @@
-"""Recorded samples of a run, and marks for its sections.
-
-Collect the findings of the audit and of other checks of a recording.
-"""
+"""Recorded samples of a run, marks for its sections, and findings of its checks."""
 
 from collections.abc import Mapping, Sequence
 from copy import copy

@@ -20,7 +20,7 @@ from inercal.physics.plan import TableStep, table_steps
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Finding
 from inercal.recordings.data import RunBase
-from inercal.recordings.io.section_files import is_pattern, matching_files
+from inercal.recordings.io.file_patterns import is_pattern, matching_files
 from inercal.runfile.environment_section import TemperatureOrder
 from inercal.runfile.job import JobSection
 
@@ -228,7 +228,7 @@ class Run(RunBase[Any]):
             solve = partial(global_, options=self.search, progress=progress)
         if not self.qualified.each:
             return solve
-        from inercal.benches.qualification.bench_keys import JointPriorEstimator
+        from inercal.benches.qualification.joint_prior import JointPriorEstimator
 
         return JointPriorEstimator(solve)
 

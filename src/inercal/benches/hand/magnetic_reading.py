@@ -19,8 +19,8 @@ from inercal.recordings.data.recording_loader import (
     reader_columns,
     stated_deviations,
 )
+from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.mean_tables import read_means
-from inercal.recordings.io.section_files import is_pattern
 from inercal.recordings.magnetic import MagneticReadings
 from inercal.recordings.segments.gravity_turns import sphere
 from inercal.recordings.segments.magnetic_means import average_magnetometers, average_pieces

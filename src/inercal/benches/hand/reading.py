@@ -25,9 +25,9 @@ from inercal.recordings.data.rest_marks import (
     stated_marks,
 )
 from inercal.recordings.io.audit import require_accepted
+from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.mean_tables import read_means
 from inercal.recordings.io.rest_norm import audit_rest_norm, rest_mean_finding
-from inercal.recordings.io.section_files import is_pattern
 from inercal.recordings.segments import RestDetection
 from inercal.recordings.segments.magnetic_means import magnetic_samples
 from inercal.recordings.segments.motion_thresholds import WINDOW

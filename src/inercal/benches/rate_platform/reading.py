@@ -34,8 +34,8 @@ from inercal.recordings import Mark, Recording
 from inercal.recordings.data import EstimatorInput, RunBase, recording_loader
 from inercal.recordings.data.rest_marks import parse_face
 from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.mean_tables import observations_from_table, read_columns
-from inercal.recordings.io.section_files import is_pattern
 from inercal.recordings.segments import average_sections, marks_from_labels
 
 _SHORTEST = 1.0  # s: a table does not reach a rate and hold it in less

@@ -14,8 +14,6 @@ of the angle between a_i and a_i+1 from a right angle. The readback of an axis i
 where t is the IMU's time, τ the latency and χ the relative rate of the readback's clock.
 
 The body frame is fixed to the innermost axis. The mounting of the IMU in it belongs to the sensor.
-
-Limit the durations of rests and gaps for the methods on a turntable.
 """
 
 from collections.abc import Sequence

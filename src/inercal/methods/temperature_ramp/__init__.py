@@ -37,7 +37,8 @@ from inercal.physics.plan import Hold
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.recordings import Finding, Observations
-from inercal.recordings.environment import Environment, with_temperature_shift
+from inercal.recordings.environment import Environment
+from inercal.recordings.environment.soaks import with_temperature_shift
 
 _STRONG = 0.9  # correlation between temperature and time
 _BINS = 20  # number of temperature bins in which rising and falling are compared

@@ -18,7 +18,8 @@ from inercal.pipeline.drafts.column_names import role_of_name
 from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
 from inercal.pipeline.drafts.stated_keys import stated_columns
 from inercal.recordings.io.column_table import Table
-from inercal.recordings.io.section_files import NAMED, matching_files
+from inercal.recordings.io.file_patterns import matching_files
+from inercal.recordings.io.section_files import NAMED
 
 _BEFORE_NUMBER = re.compile(r"[-+−]?[\d.,]*$")
 _NUMBER = re.compile(r"[-+−]?\d+(\.\d+)?")

@@ -38,8 +38,8 @@ from inercal.pipeline.drafts.rest_recording import sign_columns
 from inercal.pipeline.drafts.stated_keys import stated_columns, stated_options, stated_triad
 from inercal.recordings.data.rest_marks import marks_from_file
 from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.file_patterns import is_pattern, matching_files
 from inercal.recordings.io.read import detect_reader, read_table
-from inercal.recordings.io.section_files import is_pattern, matching_files
 from inercal.recordings.io.split_bags import METADATA, bag_parts
 from inercal.recordings.io.time_stamps import times_from_iso
 

@@ -15,8 +15,9 @@ from inercal.physics.section_settings import key_error, si_value
 from inercal.physics.sensors import Sensor, output_unit
 from inercal.recordings import Finding, Recording, ahead_of_lag
 from inercal.recordings.data import DataSection, ReadbackColumn, RunBase
+from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.read import Columns, detect_reader, read_recording
-from inercal.recordings.io.section_files import is_pattern, read_sections
+from inercal.recordings.io.section_files import read_sections
 
 _SAME_RATE = 0.2  # relative; stated rates are nominal
 READBACK = "readback"  # key in `DataSection.further_files` for the file with the bench's readback

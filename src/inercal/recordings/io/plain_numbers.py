@@ -9,8 +9,7 @@ tolerant parser reads it instead and fills the cell or names the line.
 A thread of pyarrow reads, checks and hashes each block while the blocks before it are parsed, so a
 plain file is read only once.
 
-Read all bytes of a text file once, to find its hash, its lines, and anything that is not text.
-
+All bytes of a text file are read once, to find its hash, its lines, and anything that is not text.
 The file is read in blocks, so an unusable file takes little time and memory, however large it is.
 """
 

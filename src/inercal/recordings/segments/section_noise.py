@@ -5,13 +5,12 @@ gyros. For a hand-held sensor only the accelerometer readings along gravity are 
 readings contain motion of the hand, whose scatter appears in the residuals
 (`inercal.estimation.residual_scatter`).
 
-Estimate the noise of accelerometers that are held in a trembling hand.
-
-A wobble θ adds g θ to the readings perpendicular to gravity, and batch means would count this as
-noise. It is not an error, because the mean reading of a rest defines its mean attitude. Along
-gravity, the wobble has no effect to first order. The noise of each axis is therefore estimated from
-the scatter of the component along gravity, over rests in many attitudes. Let w_ia be the component
-of axis a along gravity at rest i, and d_a the noise density of that axis. Then
+In a trembling hand, a wobble θ adds g θ to the readings perpendicular to gravity, and batch means
+would count this as noise. It is not an error, because the mean reading of a rest defines its mean
+attitude. Along gravity, the wobble has no effect to first order. The noise of each axis is
+therefore estimated from the scatter of the component along gravity, over rests in many attitudes.
+Let w_ia be the component of axis a along gravity at rest i, and d_a the noise density of that axis.
+Then
 
     D_i = Σ_a w_ia² d_a
 

@@ -18,7 +18,7 @@ readback nearly stands still, its angle is taken to be within 10″.
 With r = g − v minus its prediction, and W the inverse of its covariance, a fault with the signature
 s has the significance sᵀ W r / √(sᵀ W s). The signatures are, for each axis, a step at a knot, a
 drift that begins at a knot, and a delay. Noise of the readback is recognised because it correlates
-neighbouring increments by −½. `window_fit` calculates W.
+neighbouring increments by −½. `readback_increments` calculates W.
 """
 
 # SciPy has no stubs.

@@ -37,7 +37,8 @@ from inercal.recordings.data.recording_loader import (
     readback_fields,
     readback_units,
 )
-from inercal.recordings.environment import SOAK_SPREAD, Environment
+from inercal.recordings.environment import Environment
+from inercal.recordings.environment.soaks import SOAK_SPREAD
 from inercal.recordings.io.audit import gap_findings
 from inercal.recordings.io.read import Columns, read_readback
 

@@ -2,12 +2,11 @@
 
 `gyro_comparison` describes the model of the comparison.
 
-Compute the weighted residuals of several gyros in one window, in linear time.
-
-The noise of n increments has a tridiagonal covariance T = L D Lᵀ, and the parameters add C P Cᵀ.
-With A = D^−½ L⁻¹ C P^½, and Q the upper part of the orthogonal factor in [A; 1] = Q R, the inverse
-of the sum is W = T⁻¹ − B Bᵀ, where B = L⁻ᵀ D^−½ Q. No n × n matrix is formed, and no digits are
-lost if C P Cᵀ is much larger than T.
+The weighted residuals of several gyros in one window are computed in linear time. The noise of n
+increments has a tridiagonal covariance T = L D Lᵀ, and the parameters add C P Cᵀ. With A = D^−½ L⁻¹
+C P^½, and Q the upper part of the orthogonal factor in [A; 1] = Q R, the inverse of the sum is W =
+T⁻¹ − B Bᵀ, where B = L⁻ᵀ D^−½ Q. No n × n matrix is formed, and no digits are lost if C P Cᵀ is
+much larger than T.
 """
 
 from dataclasses import dataclass
