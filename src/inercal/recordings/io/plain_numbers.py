@@ -304,7 +304,7 @@ class _PlainBytes(RawIOBase):
 
 
 class _ScannedBytes(_PlainBytes):
-    """Finds in the same pass what `text_scan.scan` finds, and raises ValueError if that refuses.
+    """Finds in the same pass what `scan` finds, and raises ValueError if that refuses.
 
     Attributes
     ----------
