@@ -9,7 +9,7 @@ import pytest
 CODE = """
 import numpy as np, scipy.linalg
 from threadpoolctl import threadpool_info, threadpool_limits
-from inercal.basics.blas_threads import with_one_thread
+from inercal.basics.process_settings import with_one_thread
 
 def threads():
     return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}

@@ -11,7 +11,7 @@ from pint.util import UnitsContainer
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
-from inercal.basics.units.definitions import PREFIXES, UNITS, canonical_name, size_and_dimension
+from inercal.basics.units.expression import PREFIXES, UNITS, canonical_name, size_and_dimension
 
 PREFIXED = [prefix + name for name, unit in UNITS.items() for prefix in ("", *unit.prefixes)]
 

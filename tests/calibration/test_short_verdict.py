@@ -29,8 +29,8 @@ from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.result import ResidualGroup
 from inercal.estimation.scores import CandidateKind
 from inercal.physics.sensors import G0, Sensor, axes_along, imu, triad
+from inercal.physics.sensors.coefficient_selection import coefficient_words
 from inercal.physics.sensors.coefficient_tables import TABLES
-from inercal.physics.sensors.coefficient_words import coefficient_words
 from inercal.recordings import Finding
 
 SD, ROWS = 1e-4 * G0, 40

@@ -13,8 +13,8 @@ from tests.fleet.lines import TEMPLATE, readings
 from inercal.basics.small_files import read_toml
 from inercal.fleet import batch
 from inercal.fleet.batch import Work, result_row
+from inercal.fleet.inputs import Version
 from inercal.fleet.line import Line, SensorRow
-from inercal.fleet.recordings import Version
 from inercal.pipeline import similar_runs
 
 MOST = 1e-9  # u

@@ -21,7 +21,7 @@ from tests.uncertainty.test_monte_carlo import run as random_trials
 
 from inercal.basics.errors import InercalError, NotObserved
 from inercal.basics.parallel import Executor, SerialExecutor, WorkerLost, in_order, open_executor
-from inercal.basics.parallel.process_executor import ProcessExecutor
+from inercal.basics.parallel.isolated_executor import ProcessExecutor
 from inercal.estimation.uncertainty import monte_carlo
 
 LIMIT = 20.0  # s, for what must not hang

@@ -7,7 +7,7 @@ from tests.accuracy.handheld import directions
 from tests.base_seeds import SEEDS
 
 from inercal.physics.sensors import imu
-from inercal.recordings.segments.hand_motion_noise import density_without_hand_motion
+from inercal.recordings.segments.section_noise import density_without_hand_motion
 
 Array = NDArray[np.float64]
 RATE, SECONDS, G = 100.0, 3.0, 9.81

@@ -54,7 +54,7 @@ from inercal.estimation.scores import (
     chi2_tail_probability,
 )
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.coefficient_words import coefficient_words
+from inercal.physics.sensors.coefficient_selection import coefficient_words
 from inercal.recordings import Finding, RoundedChannel
 
 Grade = Literal["consistent", "reservations", "unreliable"]

@@ -40,7 +40,7 @@ from inercal.physics.magnetism import heading_gradient
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors import TABLES, Sensor, inverse
-from inercal.physics.sensors.coefficient_words import GROUP_WORDS, coefficient_words
+from inercal.physics.sensors.coefficient_selection import GROUP_WORDS, coefficient_words
 
 OWN_ERRORS = "noise and errors of this run only"
 SHOWN: Mapping[str, tuple[str, float]] = {

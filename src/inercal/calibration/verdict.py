@@ -54,7 +54,7 @@ from inercal.estimation.scores import HYSTERESIS, SIGNIFICANCE_LEVEL
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
-from inercal.physics.sensors.coefficient_words import GROUP_WORDS, axis_words, coefficient_words
+from inercal.physics.sensors.coefficient_selection import GROUP_WORDS, axis_words, coefficient_words
 from inercal.recordings import Finding, merge_messages
 
 _DRIFT_PREFIX = "drift of "  # followed by the axis

@@ -23,7 +23,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units.definitions import canonical_name
+from inercal.basics.units.expression import canonical_name
 from inercal.export.polynomial import CodeModel, Dialect, code_model, statements
 from inercal.export.target_definition import STEP, Rendering, Request, Target, TargetOption
 from inercal.export.targets.code_text import code_rendering, code_target, motion_comment

@@ -53,7 +53,7 @@ from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed
 from inercal.methods.order_effects import with_tests
 from inercal.physics.plan import Attitude, Spin, Spins, arm_attitude
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.coefficient_words import coefficient_words
+from inercal.physics.sensors.coefficient_selection import coefficient_words
 from inercal.recordings import Finding, Observations
 
 RATES = (2 * pi, 4 * pi, 6 * pi)

@@ -50,7 +50,7 @@ from inercal.methods.residuals import norm_residuals
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.plan import HandSteps
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.coefficient_words import coefficient_words
+from inercal.physics.sensors.coefficient_selection import coefficient_words
 from inercal.recordings import Finding, Observations
 
 _MIN_IMPROVEMENT = 1.5  # factor; a smaller improvement is not worth the user's effort

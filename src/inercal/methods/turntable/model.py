@@ -19,8 +19,7 @@ from inercal.benches.turntable.attitude import (
     earth_rate_level_frame,
     reference_attitude,
 )
-from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS, MIN_REST_SECONDS
+from inercal.benches.turntable.bench import COARSE_REST_SECONDS, MIN_REST_SECONDS, Turntable
 from inercal.estimation import NullDirection
 from inercal.estimation.nullspace import row_echelon_form, undetermined_combinations
 from inercal.methods import Priors, temperature
