@@ -9,7 +9,7 @@ import numpy as np
 from inercal.basics.errors import require_extra
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_value_and_uncertainty
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration

@@ -51,7 +51,7 @@ from inercal.calibration.suspect_text import (
 )
 from inercal.estimation import Estimate
 from inercal.estimation.scores import HYSTERESIS, SIGNIFICANCE_LEVEL
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.coefficient_words import GROUP_WORDS, axis_words, coefficient_words

@@ -14,7 +14,7 @@ from inercal.basics.visible_text import spreadsheet_cell
 from inercal.calibration import Calibration
 from inercal.calibration.files import parse
 from inercal.calibration.outdated import marked_as_outdated
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_results, latest_rows_by_part
 from inercal.fleet.line import RECORDING, Line, SensorRow

@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.laboratory.check_standard.chart_texts import day
 from inercal.laboratory.store.entries import SensorEntry
 from inercal.laboratory.store.history_text import change_lines, trend_rows

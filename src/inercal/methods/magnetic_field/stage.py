@@ -24,7 +24,7 @@ from inercal.calibration.verdict import UNSEEN
 from inercal.estimation import Estimate, ResidualGroup, ScoreTestSet
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.residual_scatter import LEAST_RATIO, LEVEL, ScatterModel
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.methods import Fit, Remarks, temperature
 from inercal.methods.magnetic_field.disturbances import field_tests
 from inercal.methods.magnetic_field.fitting import FieldFit, fit_field, inhomogeneity_interval

@@ -28,7 +28,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.units import format_quantity, format_value_and_uncertainty
 from inercal.benches.report_data import Panel, Plot, Series
 from inercal.benches.turntable.still_table import StillTable
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.methods import Fit, Remarks
 from inercal.methods.systematic.generalised_least_squares import LAG, estimated_attitudes
 from inercal.methods.systematic.navigation import earth_rate
