@@ -22,6 +22,7 @@ from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, PlainAdvisor,
 from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,
+    implausible_sizes,
     undetectable_causes,
     undetectable_exact_parameters,
 )
@@ -41,7 +42,6 @@ from inercal.calibration.grade import (
     is_far_from_nominal,
     two_digits,
 )
-from inercal.calibration.plausible_sizes import implausible_sizes
 from inercal.calibration.suspect_text import (
     alternatives,
     bench_words,

@@ -8,10 +8,9 @@ from pydantic import Field
 from inercal.basics.documents import Count, Measured, Positive, Record, attributes, record_object
 from inercal.basics.errors import InputError
 from inercal.basics.run_file_advice import Advice, Change
-from inercal.calibration.additions import Addition
 from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.detectability import UndetectableCause
-from inercal.calibration.explanation import NOTES, UNCERTAINTIES, ExplanationSection, fit
+from inercal.calibration.explanation import NOTES, UNCERTAINTIES, Addition, ExplanationSection, fit
 from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, NoiseFactor, Verdict
 from inercal.estimation.scores import CandidateKind
 from inercal.recordings import RoundedChannel

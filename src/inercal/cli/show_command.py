@@ -125,8 +125,8 @@ def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
     import numpy as np
 
     from inercal.basics.units import format_value_and_uncertainty
+    from inercal.calibration.display import temperature_curves
     from inercal.calibration.files import load
-    from inercal.calibration.temperature_curves import temperature_curves
     from inercal.estimation.uncertainty import COVERAGE
     from inercal.physics.section_settings import si_value
 

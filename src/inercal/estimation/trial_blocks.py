@@ -14,10 +14,10 @@ from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.estimation import gauss_newton_steps, whitened_problem
 from inercal.estimation.fitting import LinearisedRows, estimate_at_solution
+from inercal.estimation.gauss_newton_steps import merge, search
 from inercal.estimation.nullspace import Observability, observability
 from inercal.estimation.problem import NormalEquations, Problem
 from inercal.estimation.result import OF_TRIALS, Estimate
-from inercal.estimation.search import merge, search
 
 # Not a power of two: arrays whose addresses are equal modulo the cache-way size would evict one
 # another.
@@ -213,7 +213,7 @@ class PackedPoint(NamedTuple):
 
 
 class PackedTrials:
-    """The trials of a problem in the form that `inercal.estimation.search` needs.
+    """The trials of a problem in the form that `inercal.estimation.gauss_newton_steps` needs.
 
     Parameters
     ----------
@@ -259,11 +259,11 @@ class PackedTrials:
         return PackedPoint(x, *found, self._target[which] - x @ self._prior_full.T)
 
     def cost(self, point: PackedPoint) -> Array:
-        """Return the cost at a point; see `inercal.estimation.search.Trials`."""
+        """Return the cost at a point; see `gauss_newton_steps.Trials`."""
         return _squares(point.whitened) + _squares(point.prior)
 
     def step(self, point: PackedPoint, damping: Array, active: Bools) -> tuple[Array, Array, Bools]:
-        """Return the moves; see `inercal.estimation.search.Trials`."""
+        """Return the moves; see `gauss_newton_steps.Trials`."""
         some = slice(None) if active.all() else np.flatnonzero(active)
         normal, gradient, prior = point.normal[some], point.gradient[some], point.prior[some]
         step = gauss_newton_steps.solve_packed(
@@ -272,7 +272,7 @@ class PackedTrials:
         return gauss_newton_steps.moves(step, self.basis, point.x, some)
 
     def tried(self, x: Array, point: PackedPoint, active: Bools) -> tuple[PackedPoint, Array]:
-        """Return a trial point and its cost; see `inercal.estimation.search.Trials`."""
+        """Return a trial point and its cost; see `gauss_newton_steps.Trials`."""
         which = np.flatnonzero(active)
         tried = self._point(x[which], which)
         if len(which) < len(active):
@@ -285,11 +285,11 @@ class PackedTrials:
         return tried, _squares(point.weight * tried.residual) + _squares(tried.prior)
 
     def with_values(self, point: PackedPoint, x: Array, chosen: Bools) -> PackedPoint:
-        """Return the point with some values replaced; see `inercal.estimation.search.Trials`."""
+        """Return the point with some values replaced; see `gauss_newton_steps.Trials`."""
         return point._replace(x=np.where(chosen[:, None], x, point.x))
 
     def accepted(self, tried: PackedPoint, point: PackedPoint, chosen: Bools) -> PackedPoint:
-        """Return the merged point; see `inercal.estimation.search.Trials`."""
+        """Return the merged point; see `gauss_newton_steps.Trials`."""
         return tried if chosen.all() else PackedPoint(*merge(chosen, tried, point))
 
     def estimate(

@@ -32,8 +32,14 @@ from inercal.methods.magnetic_field.records import (
     Links,
     check_records,
 )
-from inercal.methods.magnetic_field.rows import FieldProblem, FieldState
-from inercal.methods.magnetic_field.solving import Solution, best_solution, solve, typical_sizes
+from inercal.methods.magnetic_field.rows import (
+    FieldProblem,
+    FieldState,
+    Solution,
+    best_solution,
+    solve,
+    typical_sizes,
+)
 from inercal.methods.magnetic_field.starts import oriented, starts
 
 _LEAST_NODES = 7
