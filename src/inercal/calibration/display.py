@@ -7,7 +7,7 @@ uncertainty. A curve combines the terms of an axis whose basis functions differ 
 
 import re
 from html import escape
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from inercal.calibration import Calibration
 from inercal.calibration.validity import require_inside
 from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.sensors.coefficient_tables import TABLES
-
-if TYPE_CHECKING:
-    from inercal.calibration import Calibration
 
 _HEADINGS = ("coefficient", "meaning", "value", f"U (k = {COVERAGE:g})", "unit")
 _LATEX_CHARACTERS = {
@@ -69,7 +66,7 @@ class CoefficientLine(NamedTuple):
         return CoefficientName(self.name).axis
 
 
-def coefficient_lines(calibration: "Calibration") -> tuple[CoefficientLine, ...]:
+def coefficient_lines(calibration: Calibration) -> tuple[CoefficientLine, ...]:
     """Return the coefficients for printing, in the units of the coefficient table."""
     lines: list[CoefficientLine] = []
     for name, value, std in zip(
@@ -83,13 +80,13 @@ def coefficient_lines(calibration: "Calibration") -> tuple[CoefficientLine, ...]
     return tuple(lines)
 
 
-def title(calibration: "Calibration") -> str:
+def title(calibration: Calibration) -> str:
     """Return a line with the name of the sensor, the method and the estimator."""
     way = ", ".join(text for text in (calibration.method, calibration.estimator) if text)
     return f"{calibration.sensor.name}: {way}" if way else calibration.sensor.name
 
 
-def to_html(calibration: "Calibration") -> str:
+def to_html(calibration: Calibration) -> str:
     """Return the table and the verdict as HTML without styles; without a verdict, the notes."""
     head = "".join(f"<th>{escape(text)}</th>" for text in _HEADINGS)
     rows = "".join(
@@ -106,7 +103,7 @@ def to_html(calibration: "Calibration") -> str:
     )
 
 
-def to_latex(calibration: "Calibration") -> str:
+def to_latex(calibration: Calibration) -> str:
     """Return the table as a LaTeX tabular with rules of the package booktabs."""
 
     def row(cells: tuple[str, ...]) -> str:
@@ -133,7 +130,7 @@ def _latex(text: str) -> str:
     return _LATEX_PATTERN.sub(lambda found: _LATEX_CHARACTERS[found[0]], text)
 
 
-def to_dataframe(calibration: "Calibration") -> Any:
+def to_dataframe(calibration: Calibration) -> Any:
     """Return a DataFrame with the value, u (k = 1) and U (k = 2) of each coefficient.
 
     Raises

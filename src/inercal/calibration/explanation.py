@@ -74,14 +74,14 @@ def first_fit(*texts: str) -> str:
     return next((text for text in texts if len(text) <= MOST_CHARACTERS), fit(texts[-1]))
 
 
-def fit_list(start: str, parts: Sequence[str], end: str = ".", separator: str = ", ") -> str:
+def fit_list(start: str, parts: Sequence[str], separator: str) -> str:
     """Return a line with as many parts as fit, and the number of omitted parts."""
     for count in range(len(parts), 0, -1):
         more = f"{separator}{len(parts) - count} more not shown" if count < len(parts) else ""
-        text = f"{start}{separator.join(parts[:count])}{more}{end}"
+        text = f"{start}{separator.join(parts[:count])}{more}."
         if len(text) <= MOST_CHARACTERS:
             return text
-    return fit(f"{start}{separator.join(parts)}{end}")
+    return fit(f"{start}{separator.join(parts)}.")
 
 
 def without_operator_words(text: str) -> str:

@@ -485,7 +485,7 @@ def _uncertainty_line(largest: Sequence[_Uncertainty]) -> str:
         parts = [f"{group} {', '.join(each)}" for group, each in groups.items()]
         text = f"Largest U (k = 2): {'; '.join(parts)}."
         if len(text) <= MOST_CHARACTERS or not count:
-            return fit_list("Largest U (k = 2): ", parts, separator="; ") if parts else ""
+            return fit_list("Largest U (k = 2): ", parts, "; ") if parts else ""
     return ""
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inercal.basics.arrays import Array, Indices
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import NotObserved
 from inercal.estimation import gauss_newton_steps, nullspace
 from inercal.estimation.candidate_scores import (
@@ -17,7 +17,7 @@ from inercal.estimation.candidate_scores import (
     score_tests_of_trials,
     spanned_candidates,
 )
-from inercal.estimation.gauss_newton_steps import Bools, merge, search
+from inercal.estimation.gauss_newton_steps import MAX_ITERATIONS, merge, search
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.problem import Problem
 from inercal.estimation.residual_scatter import WhitenedRows
@@ -54,7 +54,7 @@ class Cauchy:
 
 
 def least_squares(
-    problem: Problem, loss: Cauchy | None = None, max_iterations: int = 200
+    problem: Problem, loss: Cauchy | None = None, max_iterations: int = MAX_ITERATIONS
 ) -> Estimate:
     """Solve a problem, or every trial of a problem, by least squares.
 
@@ -90,7 +90,7 @@ def least_squares(
     return estimate_at_solution(system, point, structure, converged, iterations, loss)
 
 
-def least_squares_each(problem: Problem, max_iterations: int = 200) -> list[Estimate | None]:
+def least_squares_each(problem: Problem) -> list[Estimate | None]:
     """Solve every trial of a problem as if it were solved alone, with its own score tests.
 
     The trials share the search and the linearisation for the score tests. The result is None for a
@@ -101,8 +101,6 @@ def least_squares_each(problem: Problem, max_iterations: int = 200) -> list[Esti
     ----------
     problem : Problem
         A problem with trials.
-    max_iterations : int, optional
-        Largest number of steps to try.
 
     Raises
     ------
@@ -110,7 +108,7 @@ def least_squares_each(problem: Problem, max_iterations: int = 200) -> list[Esti
         Shapes, noise or values are invalid.
     """
     system = WhitenedProblem(problem)
-    point, converged, iterations = search(LinearisedRows(system), max_iterations)
+    point, converged, iterations = search(LinearisedRows(system))
     usable = converged & ~np.any(_contradicted_priors(system, point), axis=-1)
     try:
         tested = score_tests_of_trials(*_whitened_candidates(system, point), system.basis)

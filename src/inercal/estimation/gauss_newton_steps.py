@@ -195,6 +195,7 @@ def _solve_by_qr(
 
 # λ after the first rejected step, the smallest nonzero λ, and the λ at which a search ends.
 _FIRST, _LEAST, _MOST = 1e-2, 1e-12, 1e14
+MAX_ITERATIONS = 200
 _NEGLIGIBLE = 1e-16  # squared length of a step in standard deviations
 
 
@@ -253,7 +254,7 @@ class Trials(Protocol[P]):
         ...
 
 
-def search(system: Trials[P], max_iterations: int) -> tuple[P, Bools, Indices]:
+def search(system: Trials[P], max_iterations: int = MAX_ITERATIONS) -> tuple[P, Bools, Indices]:
     """Return the final point, which trials converged (trials,), and the number of steps (trials,).
 
     Parameters
