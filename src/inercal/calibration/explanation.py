@@ -74,7 +74,7 @@ def first_fit(*texts: str) -> str:
     return next((text for text in texts if len(text) <= MOST_CHARACTERS), fit(texts[-1]))
 
 
-def fit_list(start: str, parts: Sequence[str], separator: str) -> str:
+def fit_list(start: str, parts: Sequence[str], separator: str = ", ") -> str:
     """Return a line with as many parts as fit, and the number of omitted parts."""
     for count in range(len(parts), 0, -1):
         more = f"{separator}{len(parts) - count} more not shown" if count < len(parts) else ""
