@@ -12,10 +12,11 @@ from inercal.basics.keys import CoefficientName
 from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Change
 from inercal.calibration import explanation
-from inercal.calibration.additions import Addition, doubtful_additions
 from inercal.calibration.explanation import (
+    Addition,
     ExplanationSection,
     customer_sections,
+    doubtful_additions,
     first_fit,
     fit,
     fit_list,

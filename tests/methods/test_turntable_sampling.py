@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.methods.turntable.terms import RATE, Terms
+from inercal.methods.turntable import RATE, Terms
 from inercal.methods.turntable_kalman import _readback
 from inercal.methods.turntable_trajectory import _kernels
 from inercal.methods.turntable_trajectory._kernels import neighbour_share, rate_bends

@@ -13,8 +13,8 @@ import inercal
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
+from inercal.calibration.display import temperature_curves
 from inercal.calibration.files import load, save
-from inercal.calibration.temperature_curves import temperature_curves
 from inercal.pipeline import (
     Outcome,
     apply,

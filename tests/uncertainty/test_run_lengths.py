@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from tests.base_seeds import sampled
 
-from inercal.estimation.uncertainty.control_charts import chart_limits, chart_values
-from inercal.estimation.uncertainty.cusum import (
+from inercal.estimation.uncertainty.control_charts import (
     chart_limit,
+    chart_limits,
+    chart_values,
     cusum_limit,
     cusum_run_length,
     cusum_sums,

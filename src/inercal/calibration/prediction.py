@@ -35,7 +35,7 @@ from inercal.basics.units import ZERO_CELSIUS, si_factor
 from inercal.calibration import Calibration
 from inercal.calibration.detectability import UndetectableCause, coefficient_definition
 from inercal.calibration.validity import READING_MARGIN, TEMPERATURE_MARGIN, distance_outside
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.magnetism import heading_gradient
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures

@@ -215,8 +215,7 @@ def export(
     force: Force = False,
 ) -> None:
     """Write the results as one table, the calibration file of one sensor, or files for a target."""
-    from inercal.calibration.files import save
-    from inercal.calibration.outdated import OUTDATED
+    from inercal.calibration.files import OUTDATED, save
     from inercal.fleet import results
     from inercal.fleet.export import export_files, export_table, sensor_calibration
     from inercal.fleet.line import read_line

@@ -280,7 +280,7 @@ def _uncertainty_as_object(expected: "ExpectedUncertainty") -> dict[str, Any]:
 
 def _print(run: "Run", plan: _Plan) -> None:
     from inercal.basics.units import format_value_and_uncertainty
-    from inercal.estimation.uncertainty.coverage import COVERAGE
+    from inercal.estimation.uncertainty import COVERAGE
 
     console.print_table(plan.heads, plan.rows, title=plan.title)
     rows: list[tuple[str, ...]] = []

@@ -98,7 +98,7 @@ def _print_point(found: "Prediction", j: int) -> None:
     from math import isfinite
 
     from inercal.basics.units import format_quantity
-    from inercal.estimation.uncertainty.coverage import COVERAGE
+    from inercal.estimation.uncertainty import COVERAGE
     from inercal.pipeline.operating_points import point_text, quantity_cells
 
     print_line(point_text(found, j), "bold")

@@ -86,7 +86,7 @@ def _show_as_paper(file: Path, explain: bool, json: bool) -> None:
     from inercal.basics.units import format_value_and_uncertainty
     from inercal.calibration.display import title
     from inercal.calibration.files import load
-    from inercal.estimation.uncertainty.coverage import COVERAGE
+    from inercal.estimation.uncertainty import COVERAGE
     from inercal.methods.centrifuge_norm.closed_formulas import G, paper_form
 
     if file.suffix.lower() != ".json":
@@ -124,9 +124,9 @@ def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
     import numpy as np
 
     from inercal.basics.units import format_value_and_uncertainty
+    from inercal.calibration.display import temperature_curves
     from inercal.calibration.files import load
-    from inercal.calibration.temperature_curves import temperature_curves
-    from inercal.estimation.uncertainty.coverage import COVERAGE
+    from inercal.estimation.uncertainty import COVERAGE
     from inercal.physics.section_settings import si_value
 
     calibration = load(file)

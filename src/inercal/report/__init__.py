@@ -14,7 +14,7 @@ from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import require_extra, require_installed
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration import Calibration
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.sensors import Sensor
 from inercal.pipeline import Outcome
 from inercal.pipeline.outcome import InspectedRecording

@@ -15,7 +15,7 @@ from inercal.basics.keys import CoefficientName
 from inercal.calibration.comparison.changes import YEAR, TrendVerdict
 from inercal.calibration.comparison.run_to_run import format_en
 from inercal.calibration.suspect_text import p_value_text
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.laboratory.check_standard.chart_texts import day
 from inercal.laboratory.store import SensorHistory, history_text
 from inercal.laboratory.store.entries import SensorEntry

@@ -22,7 +22,7 @@ from scipy.special import chdtri, fdtri
 from inercal.basics.units.expression import read_unit
 from inercal.calibration.files import calibration_object
 from inercal.calibration.specification import LimitResult
-from inercal.estimation.uncertainty.coverage import COVERAGE_PROBABILITY
+from inercal.estimation.uncertainty import COVERAGE_PROBABILITY
 from inercal.laboratory.certificate import dcc_administration
 from inercal.laboratory.certificate.content import Certificate, Texts
 from inercal.laboratory.certificate.dcc_elements import (

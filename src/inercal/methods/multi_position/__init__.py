@@ -39,7 +39,7 @@ from inercal.benches import Hand
 from inercal.calibration.verdict import OPPOSITE_SIGN
 from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
 from inercal.methods.multi_position import attitude_coverage, stages
 from inercal.methods.multi_position.attitude_coverage import GeometryErrors
