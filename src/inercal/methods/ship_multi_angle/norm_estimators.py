@@ -6,7 +6,7 @@ the start or of the bounds along them. If the frame of the sensor is stated, it 
 and both estimators agree.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -89,6 +89,7 @@ def global_(
     priors: Priors = (),
     *,
     options: norm_equations.SearchOptions = DEFAULT_SEARCH,
+    progress: Callable[[norm_equations.Generation], None] | None = None,
 ) -> Estimate:
     """Return the twelve coefficients from a global search on the norms of the tilted states.
 
@@ -103,6 +104,8 @@ def global_(
         Must be empty.
     options : SearchOptions
         Bounds about nominal, seed, time limit and goal.
+    progress : callable, optional
+        Called after each generation.
 
     Raises
     ------
@@ -116,7 +119,7 @@ def global_(
     require_single_recording(observations, "estimator global")
     groups = norm_equations.tilted_rows("global", observations, sensor, steps)
     a, square = norm_equations.norm_observations(observations, bench, steps, groups)
-    found = norm_equations.search(a, square, options)
+    found = norm_equations.search(a, square, options, progress=progress)
     count = np.array(len(found.history))
     done = norm_equations.DampedSolution(found.model, np.array(found.cost), np.array(True), count)
     done = _in_stated_frame(sensor, done)
