@@ -51,6 +51,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(folder / "register.db")
 
 
+@pytest.mark.slow
 def test_a_new_sensor_takes_its_first_interval_from_the_sensors_of_its_type(address: str):
     with Register(address) as register:
         history = register.history("NEW")
@@ -104,6 +105,7 @@ def _moved(history: SensorHistory, axis: str, steps: list[float]) -> SensorHisto
     return replace(history, trends=tuple(trends))
 
 
+@pytest.mark.slow
 def test_a_sensor_that_scatters_more_than_its_type_is_not_pooled_on_any_axis(address: str):
     with Register(address) as register:
         others = [register.history(f"IMU-{n}") for n in range(5)]
@@ -117,6 +119,7 @@ def test_a_sensor_that_scatters_more_than_its_type_is_not_pooled_on_any_axis(add
     assert found.pool is not None
 
 
+@pytest.mark.slow
 def test_a_drifting_and_a_scattering_sensor_do_not_change_the_pool_of_the_others(address: str):
     with Register(address) as register:
         own = register.history("NEW")
