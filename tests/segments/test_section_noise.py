@@ -1,5 +1,6 @@
 """Means of rests that change, drift or scatter unlike the others."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -128,6 +129,20 @@ def test_a_drift_beyond_the_stated_slow_noise_is_found_as_if_none_were_stated(no
     np.testing.assert_allclose(
         found.without_drift.mean, unstated.without_drift.mean, rtol=0, atol=1e-4
     )
+
+
+@pytest.mark.parametrize("rate", [0.0, 1e-3])
+def test_a_drift_of_the_gyros_is_only_stated_if_it_is_found(rate: float) -> None:
+    sensor = imu().select_axes("w")
+    rng = np.random.default_rng(7)
+    time = (np.arange(6 * COUNT) + 0.5) / RATE
+    values = 1e-3 * rng.standard_normal((6 * COUNT, 3)) + rate * (time / time[-1])[:, None]
+    notes = " ".join(seen(values, sensor, drifting=True).notes)
+    found = re.findall(r"about (\d+) °/h .* (\d+) s after", notes)
+    assert len(found) == (rate > 0)
+    for size, middle in found:  # 0.001 rad/s are 206 °/h, and the rests are centred at 30 s
+        assert int(size) == pytest.approx(206, rel=0.3)
+        assert middle == "30"
 
 
 def test_a_random_walk_far_beyond_the_stated_one_rejects_the_model() -> None:

@@ -58,16 +58,14 @@ from inercal.estimation.correlation import (
     fit_correlations,
     moderated_variances,
 )
-from inercal.estimation.scores import ModelTest
+from inercal.estimation.scores import COMMON_DRIFT, SLOW_NOISE, ModelTest
 
 _BATCHES, _FEW_BATCHES, _FEW_SAMPLES = 16, 8, 64
 _OF_SLOPES = 3  # levels whose scatter is close to that of slopes
 _LEVEL = 0.01  # p-value of the tests within sections, below which a change counts
 _RAREST = 1e-290
 _ROUNDING = 16 * float(np.finfo(float).eps)  # relative to a reading
-_COMMON = "drift common to all sections"
 _BEYOND = 0.05  # p-value of the common-trend test, below which the trend counts
-_LONG = "noise slower than the sections"
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +229,7 @@ def analyse_sections(
         disturbance_variance,
         test,
         common,
-        ModelTest(_LONG, correlations.rise, 2) if correlations.long else None,
+        ModelTest(SLOW_NOISE, correlations.rise, 2) if correlations.long else None,
         shape,
     )
 
@@ -324,7 +322,7 @@ def _trend(
     square_t = np.zeros(m)
     square_t[used] = (mean[used] / sd[used]) ** 2
     p = float(scipy.special.fdtrc(used.size, dof, square_t.sum() / used.size))
-    name = f"{_COMMON} ({names[int(square_t.argmax())]})"
+    name = f"{COMMON_DRIFT} ({names[int(square_t.argmax())]})"
     return mean, sd, own, model_test_from_p_value(name, p)
 
 

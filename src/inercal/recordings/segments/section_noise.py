@@ -68,6 +68,7 @@ class SectionNoise(NamedTuple):
     tests: tuple[ModelTest, ...]
     notes: tuple[str, ...]
     disturbance_variance: Array  # (r, m), variance of each mean due to a change within its section
+    drifting: tuple[str, ...] = ()  # what the sensors measure whose drift was detected: "f", "w"
 
     def factor(self, seconds: Array, lengths: Array, batches: int) -> Array:
         """Return the variance of means relative to that from the pooled batch means, (s, m).
@@ -121,6 +122,7 @@ def section_noise_statistics(
     correlation = [WHITE] * m
     tests: list[ModelTest] = []
     notes: list[str] = []
+    drifting: list[str] = []
     if by_hand:
         steps = np.array([rounding[[axis.measures == "f" for axis in sensor.axes]].max()])
         series = readings_along_gravity(sensor, sections())
@@ -147,6 +149,7 @@ def section_noise_statistics(
             judged = analyse_sections(cut, labels, names, rounding[own])
         disturbance_variance[:, own] = judged.disturbance_variance
         tests += judged.tests
+        drifting += [kind] * judged.drifts
         if judged.drifts or not stated:
             if kind == "w":
                 # All sections measure a gyro's bias, so their residuals reveal its drift.
@@ -161,9 +164,8 @@ def section_noise_statistics(
         for k in own:
             correlation[k] = judged.correlation
         notes += _notes(quantity.sensors, judged, seconds, labels, "stated" if stated else "white")
-    return SectionNoise(
-        scale, tuple(correlation), drift, tuple(tests), tuple(notes), disturbance_variance
-    )
+    every = tuple(correlation), drift, tuple(tests), tuple(notes), disturbance_variance
+    return SectionNoise(scale, *every, tuple(drifting))
 
 
 def drift_of_slopes(
@@ -193,15 +195,31 @@ def drift_of_slopes(
     return rates, (slope_sd**2 + of_steps)[:, None, None] * gram
 
 
-def drift_notes(sensor: Sensor, reach: Array) -> list[str]:
-    """Return notes about the drift over the run that the uncertainty includes, (m,) SI."""
+def drift_notes(sensor: Sensor, noise: SectionNoise, length: float, middle: float) -> list[str]:
+    """Return notes about the drift over the run.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    noise : SectionNoise
+    length : float
+        Duration of the recording, s.
+    middle : float
+        Middle of the sections at rest, s after the start of the recording.
+    """
     notes: list[str] = []
+    drift = noise.drift
+    each = np.hypot(drift.rates[0], np.sqrt(drift.covariance[:, 0, 0])) * length
     for kind, quantity in QUANTITIES.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
-        if own and (most := float(reach[own].max())) > 0:
-            text = format_quantity(most, 0.0, "mg" if kind == "f" else "°/s", 2)
+        if own and (most := float(each[own].max())) > 0:
+            text, words = format_quantity(most, 0.0, quantity.bias_unit, 2), quantity.sensors
             notes.append(
-                f"A drift of the {quantity.sensors} of up to {text} (1 σ) over the run cannot be "
+                f"The slopes within the rests suggest that the {words} drift by about {text} over "
+                f"the run. Their biases, and the U of these, are valid {middle:.0f} s after its "
+                "start."
+                if kind in noise.drifting
+                else f"A drift of the {words} of up to {text} (1 σ) over the run cannot be "
                 "excluded. The uncertainty of the biases includes it."
             )
     return notes
