@@ -161,6 +161,17 @@ def test_means_of_steps_that_scatter_twice_as_much_are_not_relied_on(
     assert graded(replace(estimate(), tests=(test,))).grade == expected
 
 
+def test_a_group_states_the_p_values_of_the_calibration_file() -> None:
+    group = ResidualGroup(
+        "norms", "m/s²", ("a",), np.zeros((1, 1)), np.ones((1, 1)), 60.0, 30, ScatterModel()
+    )
+    found = graded(replace(estimate(), groups=(group,), noise_dof=100.0))
+    (test,) = (one for one in found.tests if one.name == "residuals: norms")
+    assert test.p_value > 3 * group.p_value  # the noise is only known from 100 degrees of freedom
+    (line,) = (one for one in found.statements if one.startswith("Norms: "))
+    assert f"p = {test.p_value:.1g} ({test.adjusted:.1g} among" in line
+
+
 def test_a_group_with_excess_counts_by_what_it_was_before() -> None:
     group = ResidualGroup(
         "norms",
