@@ -57,6 +57,7 @@ def test_a_plan_and_a_budget_say_which_drift_they_omit(
     assert omitted_drift_notes(means) == ()
 
 
+@pytest.mark.slow
 def test_tables_a_page_and_an_object(tmp_path: Path, program: Program):
     path = run_file(tmp_path, SIX_POSITIONS)
     status, printed, errors = program(path, "--trials", "40", "--out", tmp_path)
