@@ -13,8 +13,9 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.methods import method
-from inercal.physics.plan import six_positions
+from inercal.physics.plan import six_positions, with_second_azimuths
 from inercal.physics.sensors import triad
+from inercal.pipeline import calibrate, simulate_files
 from inercal.pipeline.budget import (
     Experiment,
     budget,
@@ -24,6 +25,7 @@ from inercal.pipeline.budget import (
 )
 from inercal.pipeline.budget.contribution_table import budget_as_dict, contribution_rows
 from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
+from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read
 
 G, SD_G = 9.81, 2e-4
@@ -55,6 +57,28 @@ def test_noise_of_six_positions_is_that_of_the_closed_formula():
     k0 = [name.endswith("k0") for name in made.sensor.coefficients]
     assert by_noise[k0] == pytest.approx(np.full(3, 3e-4 / np.sqrt(2)), rel=1e-6)
     assert by_noise[~np.array(k0)] == pytest.approx(np.full(9, 3e-4 / np.sqrt(2) / G), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_second_visits_halve_the_variance_of_the_noise_and_are_found_by_their_labels(
+    tmp_path: Path,
+):
+    once = read(run_file(tmp_path, SIX_POSITIONS))
+    twice = read(run_file(tmp_path, f"{SIX_POSITIONS}positions = 12\n"))
+    assert [step.label for step in twice.steps[5:9]] == ["z_a", "z_a (2)", "z_p (2)", "y_a (2)"]
+    noise = [first_order_contributions(experiment_from_run(one))["noise"] for one in (once, twice)]
+    k0 = [name.endswith("k0") for name in once.sensor.coefficients]
+    assert noise[1][k0] == pytest.approx(noise[0][k0] / np.sqrt(2), rel=1e-3)
+    write_recordings({twice.file(name): made for name, made in simulate_files(twice).items()})
+    for marks, dof in ("found", 6), ("labels", 24):
+        stated = replace(
+            twice, data=twice.data.model_copy(update={"marks": marks, "label": "label"})
+        )
+        assert calibrate(stated).estimate.dof == dof
+    with refused(InputError, key="[method] positions"):
+        six_positions(positions=5)
+    with refused(InputError, key="[method] positions"):
+        with_second_azimuths(six_positions(positions=7))
 
 
 @pytest.mark.slow

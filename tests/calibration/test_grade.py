@@ -13,6 +13,7 @@ from inercal.calibration.verdict_object import VerdictRecord, recorded_verdict, 
 from inercal.estimation import Candidate, Estimate, ModelTest, Problem, least_squares
 from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.result import ResidualGroup
+from inercal.estimation.scores import COMMON_DRIFT, SLOW_NOISE
 from inercal.physics.sensors import G0, triad
 from inercal.recordings import Finding, RoundedChannel
 
@@ -143,12 +144,32 @@ def test_a_further_test_counts(statistic: float, expected: str) -> None:
     assert graded(found).grade == expected
 
 
+def test_the_strongest_rejecting_test_is_the_main_reason_and_a_drift_has_a_remedy() -> None:
+    tests = (ModelTest(f"{COMMON_DRIFT} (ay)", 35.0, 1), ModelTest(SLOW_NOISE, 103.0, 2))
+    found = graded(replace(estimate(), tests=tests))
+    assert SLOW_NOISE in found.reasons[0]
+    assert "warm up" in found.lines[1]
+    other = graded(replace(estimate(), tests=(ModelTest("mean innovation", 60.0, 20),)))
+    assert "warm up" not in other.lines[1]
+
+
 @pytest.mark.parametrize(("factor", "expected"), [(1.9, "reservations"), (2.1, "unreliable")])
 def test_means_of_steps_that_scatter_twice_as_much_are_not_relied_on(
     factor: float, expected: str
 ) -> None:
     test = ModelTest("mean residuals of the gyros in each step", 57 * factor**2, 57)
     assert graded(replace(estimate(), tests=(test,))).grade == expected
+
+
+def test_a_group_states_the_p_values_of_the_calibration_file() -> None:
+    group = ResidualGroup(
+        "norms", "m/s²", ("a",), np.zeros((1, 1)), np.ones((1, 1)), 60.0, 30, ScatterModel()
+    )
+    found = graded(replace(estimate(), groups=(group,), noise_dof=100.0))
+    (test,) = (one for one in found.tests if one.name == "residuals: norms")
+    assert test.p_value > 3 * group.p_value  # the noise is only known from 100 degrees of freedom
+    (line,) = (one for one in found.statements if one.startswith("Norms: "))
+    assert f"p = {test.p_value:.1g} ({test.adjusted:.1g} among" in line
 
 
 def test_a_group_with_excess_counts_by_what_it_was_before() -> None:

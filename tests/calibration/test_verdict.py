@@ -59,6 +59,13 @@ def test_inconsistent_data_enlarge_all_uncertainties_by_the_birge_ratio():
     assert "Largest U (k = 2): bias 200 µg; scale factor 200 ppm." in found.lines
 
 
+def test_residuals_large_by_chance_state_the_factor_in_the_first_line():
+    found = verdict(estimate(SENSOR, 24.0, 12), SENSOR, ())
+    assert found.grade == "consistent"
+    assert f"{sqrt(24 / 12):.2f}" in found.lines[0]
+    assert "2.0 % of runs" in found.lines[0]  # P(χ²₁₂ > 24) = 0.0203
+
+
 @pytest.mark.parametrize(("chi2", "agrees"), [(21.0, True), (21.1, False)])
 def test_the_line_is_drawn_at_95_per_cent(chi2: float, agrees: bool):
     # The 95 % point of χ² with 12 degrees of freedom is 21.026.

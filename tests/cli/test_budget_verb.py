@@ -8,6 +8,9 @@ import pytest
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 from inercal.cli.app import main
+from inercal.pipeline.budget.experiment_from_runfile import omitted_drift_notes
+from inercal.pipeline.design.worksheet import build_worksheet
+from inercal.runfile import read
 
 SHIP = Path(__file__).parents[2] / "examples" / "rate_table" / "ship.toml"
 HAND_HELD = ('name = "six_position"\nseconds = "4 s"', 'name = "multi_position"')
@@ -29,6 +32,29 @@ def program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         return int(stop.value.code or 0), printed.out, printed.err
 
     return run
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "mentions"),
+    [
+        ("", "", "state it in [sensor.accelerometer]"),
+        (
+            "[sensor.accelerometer]",
+            '[sensor.accelerometer]\nrandom_walk = "1 µg/√s"',
+            "random_walk",
+        ),
+    ],
+)
+def test_a_plan_and_a_budget_say_which_drift_they_omit(
+    tmp_path: Path, old: str, new: str, mentions: str
+):
+    run = read(run_file(tmp_path, SIX_POSITIONS.replace(old, new, 1)))
+    notes = omitted_drift_notes(run)
+    assert len(notes) == 1
+    assert mentions in notes[0]
+    assert build_worksheet(run).sheet.notes[-1:] == notes
+    means = read(SHIP.parents[1] / "six_position" / "run.toml")
+    assert omitted_drift_notes(means) == ()
 
 
 @pytest.mark.slow
@@ -54,6 +80,7 @@ def test_tables_a_page_and_an_object(tmp_path: Path, program: Program):
     assert same.pop("budget_file") == str(tmp_path / "run.budget.json")
     assert same == content
     assert content["schema"] == "inercal budget 1"
+    assert len(content["notes"]) == 1
     assert (content["method"], content["estimator"]) == ("six_position", "ml")
     k1 = next(c for c in content["coefficients"] if c["name"] == "ax.k1")
     gravity = next(x for x in k1["contributions"] if x["name"] == "gravity")

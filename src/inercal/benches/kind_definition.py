@@ -201,6 +201,9 @@ class Kind(Generic[B, D]):
         then needs a plan.
     sampled : bool
         Whether methods use every sample instead of the means of steps.
+    drift_from_slopes : bool
+        Whether the drift of accelerometers is estimated from the slopes within the sections of a
+        recording, if no slow noise is stated.
     spins : bool
         Whether the bench rotates the sensor on an arm, so that it senses more than gravity.
     sensor : callable
@@ -245,6 +248,7 @@ class Kind(Generic[B, D]):
     refuses_budget: Callable[[B, Sequence[Any]], str] = accept_any_budget
     rows_of_table: bool = False
     sampled: bool = False
+    drift_from_slopes: bool = False
     spins: bool = False
     sensor: Callable[..., Sensor] = three_axes
     plan: Callable[[Mapping[str, Any], B, Path, PlanFunction], PlanFunction] = keep_plan

@@ -6,8 +6,8 @@ import numpy as np
 
 from inercal.basics.keys import ErrorName
 from inercal.basics.parameters import Parameter
-from inercal.basics.units import si_factor
-from inercal.calibration.grade import Assessment, two_digits
+from inercal.basics.units import format_count, si_factor
+from inercal.calibration.grade import Assessment, HypothesisTest, two_digits
 from inercal.calibration.suspect_text import (
     bench_words,
     best_cause_lines,
@@ -48,7 +48,10 @@ def agreement(estimate: Estimate, *, wrong: bool = False) -> str:
     if estimate.consistent:
         return f"{what} with the stated noise and bench ({numbers})"
     percent = two_digits(100 * float(estimate.p_value))
-    return f"the residuals are large, but chance explains this in {percent} % of runs"
+    return (
+        f"chance explains the large residuals in {percent} % of runs; U is multiplied by "
+        f"{float(estimate.birge):.2f}"
+    )
 
 
 def agreement_lines(
@@ -84,11 +87,15 @@ def agreement_lines(
     if assessment.rejects and not assessment.tests:
         clause = "the residuals do not agree with the stated noise and bench"
     yield f"{clause[0].upper()}{clause[1:]}."
-    if estimate.dof and not estimate.groups and not estimate.consistent:
+    if estimate.dof and not estimate.groups and not estimate.consistent and assessment.rejects:
         yield f"All uncertainties are multiplied by {float(estimate.birge):.2f} because of this."
+    made = {test.name: test for test in assessment.tests}
     for group in estimate.groups:
         text = f"{group.name[0].upper()}{group.name[1:]}: χ² = {chi2_text(group.chi2)} with "
-        text += f"{degrees_of_freedom(group.dof)}, p {p_value_text(group.p_value)}."
+        text += degrees_of_freedom(group.dof)
+        if test := made.get(f"residuals: {group.name}"):
+            text += f", {_p_values(test, assessment)}"
+        text += "."
         if group.spread.excess:
             unit = "µT" if group.unit == "T" else group.unit
             scatter = f"{two_digits(float(group.spread.excess) / si_factor(unit))} {unit}"
@@ -100,13 +107,17 @@ def agreement_lines(
         yield text
     for test in assessment.rejecting_tests:
         if not test.name.startswith("residuals"):
-            adjusted = p_value_text(test.adjusted).removeprefix("= ")
-            degrees = degrees_of_freedom(test.dof)
             yield (
                 f"The test “{test.name}” rejects the model: χ² = {test.statistic:.1f} with "
-                f"{degrees}, p {p_value_text(test.p_value)} ({adjusted} among "
-                f"{len(assessment.tests)} tests)."
+                f"{degrees_of_freedom(test.dof)}, {_p_values(test, assessment)}."
             )
+
+
+def _p_values(test: HypothesisTest, assessment: Assessment) -> str:
+    """Return the p-value of a test, and the one that counts among all tests."""
+    adjusted = p_value_text(test.adjusted).removeprefix("= ")
+    among = format_count(len(assessment.tests), "test")
+    return f"p {p_value_text(test.p_value)} ({adjusted} among {among})"
 
 
 def cause_lines(

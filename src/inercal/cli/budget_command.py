@@ -10,7 +10,13 @@ import typer
 
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
-from inercal.cli.console import print_json, print_table, print_written_files, progress_status
+from inercal.cli.console import (
+    print_json,
+    print_lines,
+    print_table,
+    print_written_files,
+    progress_status,
+)
 from inercal.cli.options import Json, Scheduler, Workers, warn_of_root
 from inercal.cli.outputs import BUDGET, PAGE, check_outputs
 
@@ -45,7 +51,10 @@ def run(
     plan = read(run_file)
     from inercal.pipeline.budget import budget
     from inercal.pipeline.budget.contribution_table import budget_as_dict
-    from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
+    from inercal.pipeline.budget.experiment_from_runfile import (
+        experiment_from_run,
+        omitted_drift_notes,
+    )
     from inercal.report import write_budget
 
     page = out / f"{run_file.stem}.budget.html"
@@ -69,14 +78,17 @@ def run(
             executor,
         )
         method = {"method": plan.method.name, "estimator": plan.estimator}
-        content = budget_as_dict(result) | method
-        write_budget(result, page, f"method {plan.method.name} · estimator {plan.estimator}")
+        notes = omitted_drift_notes(plan)
+        content = budget_as_dict(result) | method | {"notes": list(notes)}
+        about = (f"method {plan.method.name}", f"estimator {plan.estimator}", *notes)
+        write_budget(result, page, " · ".join(about))
         write_text(table, dumps(content, indent=1, ensure_ascii=False) + "\n")
     files = {"budget_file": str(table), "page": str(page)}
     if json:
         print_json(content | files)
         return
     _print(result)
+    print_lines(notes, "· ")
     print_written_files(files.values())
 
 

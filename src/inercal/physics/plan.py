@@ -321,17 +321,45 @@ def small_loop(changes: Iterable[float]) -> list[float]:
 
 
 def with_second_azimuths(steps: Iterable[HandStep]) -> list[HandStep]:
-    """Return the steps, and each hold again at another azimuth, as magnetometers need it."""
+    """Return the steps, and each hold again at another azimuth, as magnetometers need it.
+
+    Raises
+    ------
+    InputError
+        The plan already repeats positions.
+    """
     first = list(steps)
+    if any(step.label.endswith(" (2)") for step in first):
+        raise InputError(
+            "with magnetometers, the plan repeats each position once; remove positions",
+            key="[method] positions",
+        )
     again = (replace(step, label=f"{step.label} (2)") for step in first if isinstance(step, Hold))
     return [*first, *again]
 
 
-def six_positions(seconds: float = 10.0) -> tuple[Hold, ...]:
-    """Return the six holds x_p, x_a, y_p, …, in which each axis points up (p), then down (a)."""
+def six_positions(seconds: float = 10.0, positions: int = 6) -> tuple[Hold, ...]:
+    """Return the six holds x_p, x_a, y_p, …, in which each axis points up (p), then down (a).
+
+    Further positions are second visits in the reverse order, "z_a (2)", "z_p (2)", …, and so on.
+
+    Raises
+    ------
+    InputError
+        There are fewer than six positions.
+    """
+    if positions < 6:
+        raise InputError(
+            f"positions is {positions}, but a six-position test needs 6 or more",
+            key="[method] positions",
+        )
     holds: list[Hold] = []
     for name, (x, y, z) in AXES.items():
         holds += [Hold(name + "_p", (x, y, z), seconds), Hold(name + "_a", (-x, -y, -z), seconds)]
+    while len(holds) < positions:
+        back = holds[-1 - 2 * (len(holds) % 6)]  # the last one, the one before it, …
+        face = back.label.partition(" ")[0]
+        holds.append(replace(back, label=f"{face} ({len(holds) // 6 + 1})"))
     return tuple(holds)
 
 

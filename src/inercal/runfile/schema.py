@@ -182,7 +182,7 @@ class MethodSection(Section):
     )
     turn_seconds: str | None = optional("6 s")
     positions: int | None = optional(
-        about="rests in a multi_position simulation, or positions on a dividing head"
+        about="rests or positions of a plan by hand, or positions on a dividing head"
     )
     reverse: bool | None = optional(about="whether a dividing head also runs the plan in reverse")
     time_offset: bool = optional(

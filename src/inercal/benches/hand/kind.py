@@ -315,6 +315,7 @@ KIND = Kind(
     effects=(
         Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), affects_rates=True),
     ),
+    drift_from_slopes=True,
     audit=_audit,
     sheet=sheet,
     rests=_rests,

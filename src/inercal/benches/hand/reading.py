@@ -10,7 +10,7 @@ import numpy as np
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.hand.axes_check import check_axes, explain_norm, positions_note
-from inercal.benches.hand.bench import Hand
+from inercal.benches.hand.bench import Hand, visit_number
 from inercal.benches.hand.magnetic_reading import require_earth_field, with_magnetometers
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.section_settings import key_error
@@ -172,8 +172,9 @@ def audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
 
 
 def nominal_plan(run: RunBase[RestsSection]) -> tuple[HandStep, ...]:
-    """Return the run's plan."""
-    return tuple(step for step in run.steps if isinstance(step, Hold | Turn))
+    """Return the first visits of the run's plan; the labels of the data name further visits."""
+    steps = (step for step in run.steps if isinstance(step, Hold | Turn))
+    return tuple(step for step in steps if visit_number(step.label) == 1)
 
 
 def _numbers_visits(run: RunBase[RestsSection]) -> bool:

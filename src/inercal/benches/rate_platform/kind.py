@@ -271,6 +271,7 @@ KIND = Kind(
     _observe,
     simulate_sections,
     words=Vocabulary(row="section", turning_device="table", rows="sections"),
+    drift_from_slopes=True,
     sensor=any_axes,
     sheet=sheet,
     directions=directions,

@@ -67,6 +67,28 @@ def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment
         )
 
 
+def omitted_drift_notes(run: Run) -> tuple[str, ...]:
+    """Return notes about drift that a calibration includes, but no plan or budget.
+
+    A plan does not know when its steps will be carried out. A table of means contains no drift.
+    """
+    if run.data.kind != "recording":
+        return ()
+    slow = [axis.noise.bias_instability or axis.noise.random_walk for axis in run.sensor.axes]
+    if any(slow):
+        return (
+            "These uncertainties do not include bias_instability and random_walk. A calibration of "
+            "the recording includes both.",
+        )
+    if not (run.kind.drift_from_slopes and run.sensor.select_axes("f").axes):
+        return ()
+    return (
+        "These uncertainties do not include drift. A recording of this plan cannot exclude a drift "
+        "of the accelerometers, so its calibration states a U of their biases that is several "
+        "times larger. If you know bias_instability, state it in [sensor.accelerometer].",
+    )
+
+
 def _noise_covariance(run: Run, steps: Sequence[Step]) -> Array:
     """Return the covariance of the mean readings, (r, m, m), SI."""
     stated = stated_deviations(run)

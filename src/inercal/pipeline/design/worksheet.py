@@ -10,6 +10,7 @@ from inercal.benches.operator_sheet import Sheet
 from inercal.estimation import Estimate
 from inercal.methods.dual_orthogonal import well_determined_sums
 from inercal.physics.sensors import Sensor
+from inercal.pipeline.budget.experiment_from_runfile import omitted_drift_notes
 from inercal.pipeline.design.plan_rehearsal import (
     ExpectedUncertainty,
     estimate_of_plan,
@@ -73,6 +74,7 @@ def build_worksheet(run: Run) -> Worksheet:
         If the plan does not determine all coefficients.
     """
     sheet = run_sheet(run)
+    sheet = replace(sheet, notes=(*sheet.notes, *omitted_drift_notes(run)))
     estimate = estimate_of_plan(run, run.kind.words.rows)
     sums = _sum_uncertainties(estimate, run.sensor, run.bench.gravity.value) if sheet.sums else ()
     expected = estimated_uncertainties(estimate, run.sensor)

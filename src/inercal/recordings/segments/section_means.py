@@ -5,11 +5,11 @@ the covariance of each mean. This also applies to turns, because the scatter wit
 and not noise. A correlation longer than a batch increases the covariance, and a section with
 unusual scatter gets its own variance (`inercal.recordings.segments.section_noise`). Bias
 instability and random walk act between sections and are not estimated; they are taken from the
-sensor's stated noise. If none is stated, a drift cannot be excluded. The slopes within all sections
-measure a drift that is quadratic in time, with an uncertainty several times that of a mean. This
-drift is subtracted from the means, and its covariance between the means is kept. The fit therefore
-combines it with all other data that reveal a drift, such as repeated positions, as if it had used
-means and slopes together.
+sensor's stated noise. If none is stated, a drift cannot be excluded; if one is stated, the slopes
+may show that the drift is larger. The slopes within all sections measure a drift that is quadratic
+in time, with an uncertainty several times that of a mean. This drift is subtracted from the means,
+and its covariance between the means is kept. The fit therefore combines it with all other data that
+reveal a drift, such as repeated positions, as if it had used means and slopes together.
 
 A slow temperature ramp changes the bias within a section, which is not noise. Over all sections,
 each channel has two temperature slopes, one for its bias and one for its scale factor, found by
@@ -262,8 +262,11 @@ def average_sections(
         if drifting and slow.covariance.any():
             course, shared = slow.course(since, recording.duration)
             drift = shared if drift is None else drift + shared
-            reach = np.sqrt(slow.covariance[:, 0, 0]) * recording.duration
-            notes = (*notes, *drift_notes(sensor, reach))
+            middle = float((middles - since)[0] - recording.time[0])
+            notes = (
+                *notes,
+                *drift_notes(sensor, noise._replace(drift=slow), recording.duration, middle),
+            )
     else:
         trials: Array = np.reshape(recording.data, (-1, *recording.data.shape[-2:]))
         kelvins: list[Array | None] = [temperature] * len(trials)
