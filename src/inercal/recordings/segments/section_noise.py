@@ -26,6 +26,8 @@ within the halves counts, because a step in one rest is not noise of the others.
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
+# pyright: reportMissingTypeStubs=false
+
 import numpy as np
 import scipy
 
