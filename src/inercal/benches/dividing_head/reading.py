@@ -18,7 +18,7 @@ from inercal.benches.dividing_head.characteristics import head_characteristics
 from inercal.benches.dividing_head.checks import (
     repeat_visit_warnings,
     require_phases,
-    require_small_readings,
+    require_usable_readings,
 )
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.physics.plan import Index
@@ -49,7 +49,7 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     recording_loader.require_distinct_columns(run)
     result = _table(run, bench) if run.data.kind == "means" else _recording(run)
     steps = [step for step in result.steps if isinstance(step, Index)]
-    require_small_readings(run, steps)
+    require_usable_readings(run, bench, steps)
     stated = run.data.warm_up_band
     band = None if stated is None else positive_value(stated, "g", "[data] warm_up_band")
     found = head_characteristics(result.observations, run.sensor, bench, steps, band)

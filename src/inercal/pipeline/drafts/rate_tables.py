@@ -10,6 +10,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.units import format_quantity, si_factor
 from inercal.benches.stated_axes import axis_letters
+from inercal.physics.sensors import output_unit
 from inercal.pipeline.drafts.column_names import column_unit, named_triads
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import ANYWHERE, UNKNOWN, DraftKey
@@ -129,8 +130,8 @@ def _line(table: Table, roles: ColumnRoles) -> tuple[float, float]:
 def gyro_readout(table: Table, roles: ColumnRoles) -> GuessedReadout:
     """Return the readout of the gyros, which is stated, named, or found from the table's rates."""
     stated = roles.units.get("gyro")
-    if stated not in (None, "LSB", "V"):
-        return GuessedReadout(str(stated), "", 0.0, si_factor(str(stated)), "as stated or named")
+    if stated is not None and output_unit(stated) is None:
+        return GuessedReadout(stated, "", 0.0, si_factor(stated), "as stated or named")
     rate, _ = rate_unit(table, roles)
     slope, at_zero = _line(table, roles)
     slope /= si_factor(rate)
