@@ -2,12 +2,18 @@
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pytest
 from tests.refusals import refused
 
 from inercal import runfile
+from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.benches.dividing_head.reading import observe
+from inercal.calibration.plausible_sizes import scale_remarks
+from inercal.estimation import Estimate
 from inercal.pipeline.drafts import draft_run_file
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "dividing_head"
@@ -33,6 +39,26 @@ def test_readings_that_the_bench_would_ignore_are_refused(tmp_path: Path):
         observe(runfile.read(changed_lab(tmp_path, *gone)))
     unread = changed_lab(tmp_path, *gone, ('autocollimator = "autocollimator"\n', ""))
     assert len(observe(runfile.read(unread)).steps) == 24
+
+
+def test_a_scale_in_another_unit_or_with_another_sign_is_refused(tmp_path: Path):
+    with refused(key="[sensor.accelerometer] scale") as refusal:
+        runfile.read(changed_lab(tmp_path, ('"3 V/g"', '"3 mA/g"')))
+    assert "mA" in str(refusal.value)
+    keys = '"a.k3" = "ax.k3"\n"b.k3" = "ay.k3"\n'
+    prior = (f'[method.prior_from."centrifuge.calibration.json"]\n{keys}', "")
+    run = runfile.read(changed_lab(tmp_path, ('"3 V/g"', '"-3 V/g"'), prior))
+    with refused(key="[data] accelerometer") as refusal:
+        observe(run)
+    assert "[sensor.accelerometer]" in run.sensor.negative_scales
+    assert run.sensor.negative_scales in str(refusal.value)
+
+
+@pytest.mark.parametrize(("size", "count"), [(0.18, 1), (-0.18, 1), (0.05, 0)])
+def test_scale_factors_far_from_the_stated_one_are_remarked(size: float, count: int):
+    sensor = mounted_sensor().with_coefficients("k0", "k1")
+    estimate = cast(Estimate, SimpleNamespace(value=np.array([0.5, 0.01, 0.5, size])))
+    assert len(list(scale_remarks(estimate, sensor))) == count
 
 
 @pytest.mark.parametrize(("filled", "mode"), [("", "pairs"), ("0.5", "every")])

@@ -41,7 +41,7 @@ from inercal.calibration.grade import (
     is_far_from_nominal,
     two_digits,
 )
-from inercal.calibration.plausible_sizes import implausible_sizes
+from inercal.calibration.plausible_sizes import implausible_sizes, scale_remarks
 from inercal.calibration.suspect_text import (
     alternatives,
     bench_words,
@@ -216,7 +216,9 @@ def verdict(
         explanation.NEXT_STEPS: tuple(one.text for one in steps),
         explanation.UNCERTAINTIES: _uncertainties_by_group(largest),
         explanation.UNDETECTABLE: undetectable,
-        explanation.REMARKS: merge_messages(estimate.notes),
+        explanation.REMARKS: merge_messages(
+            (*estimate.notes, *(() if far else scale_remarks(estimate, sensor)))
+        ),
         explanation.CHECKS: merge_messages(told),
     }
     word = _sentence(graded.word)
@@ -291,7 +293,7 @@ def _scale_errors(estimate: Estimate, sensor: Sensor, row: str) -> Iterator[tupl
         reading = f"the reading of “{row}”" if row else "one of its readings"
         cause = f"its nominal scale factor or {reading} is wrong"
         if scale < 0:
-            cause = "the axis is reversed"
+            cause = f"the axis is reversed{sensor.negative_scales}"
         elif term == "k1":
             for ratio, words in ((G0, "m/s² stated as g"), (1 / G0, "g stated as m/s²")):
                 if abs(scale / ratio - 1) < _UNIT_RATIO_TOLERANCE:

@@ -104,7 +104,7 @@ def require_phases(
         raise key_error(
             key,
             f"{given[k]} reads most at {most[k]:.0f}°, but must read most at {wanted[k]:.0f}°; "
-            "reverse the sign of the head's angle, or correct the mounting",
+            "correct the sign of the head's angle, or the mounting" + run.sensor.negative_scales,
             run.path,
             (given[k],),
         )

@@ -162,7 +162,7 @@ def check_against_plan(
                 raise InputError(
                     f"section {step.label} should have {describe_direction(step.up)} up, but "
                     f"the accelerometers read {read} g: check for a mark on the wrong section, "
-                    "or for swapped or reversed columns",
+                    f"or for swapped or reversed columns{sensor.negative_scales}",
                     names=(step.label,),
                 )
         elif sensor.rank("w") == _ALL:
@@ -206,7 +206,8 @@ def _check_components(
         raise InputError(
             f"section {steps[holds[k]].label} should read {expected[k, j]:+.2f} g on "
             f"{sensor.channels[forces[j]]}, but reads {read[k, j]:+.2f} g: check for a mark on the "
-            "wrong section, the sign of the column, and [sensor.accelerometer] axis",
+            "wrong section, the sign of the column, and [sensor.accelerometer] axis"
+            + sensor.negative_scales,
             names=(steps[holds[k]].label,),
         )
     return () if finding is None else (finding,)
