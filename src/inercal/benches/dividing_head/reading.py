@@ -148,7 +148,8 @@ def _recording(run: RunBase[DividingHeadData]) -> EstimatorInput:
     recording, units = recording_loader.load_recording(run), recording_loader.readback_units(run)
     readback = {name: values * units[name] for name, values in recording.readback.items()}
     found = run.data.marks == "found"
-    marks = find_rests(recording, run.sensor).marks if found else stated_marks(run, recording)
+    rests = find_rests(recording, run.sensor) if found else None
+    marks = stated_marks(run, recording) if rests is None else rests.marks
     check_marks(marks, recording, [mark.label for mark in marks])
     starts = [mark.start for mark in marks]
     _require_unit(run, recording.readback["angle"][starts])
@@ -163,7 +164,8 @@ def _recording(run: RunBase[DividingHeadData]) -> EstimatorInput:
     marks = tuple(replace(m, label=step.label) for m, step in zip(marks, steps, strict=True))
     observations = average_sections(recording, run.sensor, marks, steps, found=True)
     findings = recording.findings + moving
-    return EstimatorInput(recording, marks, observations, steps, steps, findings)
+    rests = None if rests is None else replace(rests, marks=marks)
+    return EstimatorInput(recording, marks, observations, steps, steps, findings, rests=rests)
 
 
 def _mean_angle(recording: Recording, mark: Mark, angle: Array) -> float:
