@@ -10,13 +10,18 @@ import pytest
 from tests.refusals import refused
 
 from inercal import runfile
-from inercal.benches.dividing_head.bench import mounted_sensor
+from inercal.basics.units import Measured
+from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
 from inercal.benches.dividing_head.reading import observe
 from inercal.calibration.plausible_sizes import scale_remarks
 from inercal.estimation import Estimate
+from inercal.methods import Fit
+from inercal.methods.dividing_head_problem import remarks
+from inercal.physics.plan import Index
 from inercal.pipeline.drafts import draft_run_file
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "dividing_head"
+G = Measured(9.8, 0.0)
 
 
 def changed_lab(folder: Path, *changes: tuple[str, str]) -> Path:
@@ -76,3 +81,15 @@ def test_a_draft_uses_a_filled_autocollimator_column(filled: str, mode: str, tmp
     assert found["data.angle_unit"] == "deg"
     assert found["sensor.accelerometer.unit"] == "mV"
     assert found["sensor.accelerometer.scale"] == "2.999 mV/g"
+
+
+@pytest.mark.parametrize(
+    ("angle", "base", "told"), [(0.04, 5e-5, 1), (0.04, 0.01, 0), (3e-3, 5e-5, 0)]
+)
+def test_a_mounting_angle_of_degrees_may_be_the_zero_of_the_head(
+    angle: float, base: float, told: int
+):
+    sensor, bench = mounted_sensor().with_coefficients("k0", "delta_o"), DividingHead(G, base=base)
+    estimate = SimpleNamespace(value=np.array([0.1, -angle, 0.1, 1e-4]))
+    fit = SimpleNamespace(sensor=sensor, bench=bench, estimate=estimate)
+    assert len(remarks(cast("Fit[DividingHead, Index]", fit)).notes) == told
