@@ -13,6 +13,7 @@ from inercal.calibration.verdict_object import VerdictRecord, recorded_verdict, 
 from inercal.estimation import Candidate, Estimate, ModelTest, Problem, least_squares
 from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.result import ResidualGroup
+from inercal.estimation.scores import COMMON_DRIFT, SLOW_NOISE
 from inercal.physics.sensors import G0, triad
 from inercal.recordings import Finding, RoundedChannel
 
@@ -141,6 +142,15 @@ def test_a_fit_without_any_test_is_usable_with_reservations() -> None:
 def test_a_further_test_counts(statistic: float, expected: str) -> None:
     found = replace(estimate(), tests=(ModelTest("mean innovation of each step", statistic, 20),))
     assert graded(found).grade == expected
+
+
+def test_the_strongest_rejecting_test_is_the_main_reason_and_a_drift_has_a_remedy() -> None:
+    tests = (ModelTest(f"{COMMON_DRIFT} (ay)", 35.0, 1), ModelTest(SLOW_NOISE, 103.0, 2))
+    found = graded(replace(estimate(), tests=tests))
+    assert SLOW_NOISE in found.reasons[0]
+    assert "warm up" in found.lines[1]
+    other = graded(replace(estimate(), tests=(ModelTest("mean innovation", 60.0, 20),)))
+    assert "warm up" not in other.lines[1]
 
 
 @pytest.mark.parametrize(("factor", "expected"), [(1.9, "reservations"), (2.1, "unreliable")])

@@ -1,6 +1,6 @@
 """Sections tested against themselves: what noise alone makes of the statistics, and what shows."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -186,6 +186,9 @@ def test_the_scatter_of_batches_of_white_noise_is_that_of_samples() -> None:
     assert NoiseCorrelation(5.0, 1e-5).mean_variance_ratio(seconds) == pytest.approx(6.0, rel=1e-3)
 
 
+FLICKER = 3.0 * np.sqrt(np.pi / np.log(4 * SAMPLES))  # B of a series of standard deviation 3
+
+
 def flicker(rng: np.random.Generator) -> list[Array]:
     """Return six slices of one series whose power falls with frequency, and white noise."""
     n = 8 * SAMPLES
@@ -197,16 +200,46 @@ def flicker(rng: np.random.Generator) -> list[Array]:
     return [series[k * SAMPLES : (k + 1) * SAMPLES] for k in range(len(LABELS))]
 
 
-def test_coloured_noise_is_rejected_no_more_often_than_the_level_says() -> None:
+def walk(rng: np.random.Generator) -> list[Array]:
+    """Return six slices of a random walk, K = 1 per √s, and white noise."""
+    steps = rng.standard_normal((6 * SAMPLES, 3)) * np.sqrt(SECONDS / SAMPLES)
+    series = np.cumsum(steps, axis=0) + rng.standard_normal((6 * SAMPLES, 3))
+    return [series[k * SAMPLES : (k + 1) * SAMPLES] for k in range(len(LABELS))]
+
+
+def judged_given(sections: Sequence[Array], b: float, k: float) -> SectionStatistics:
+    """Return the statistics of sections whose slow noise is stated."""
+    relative = cut(sections).relative_to_slow_noise(np.full(3, b), np.full(3, k))
+    return analyse_sections(relative, LABELS, NAMES)
+
+
+@pytest.mark.parametrize(("series", "b", "k"), [(flicker, FLICKER, 0.0), (walk, 0.0, 1.0)])
+def test_stated_slow_noise_is_rejected_no_more_often_than_the_level_says(
+    series: Callable[[np.random.Generator], list[Array]], b: float, k: float
+) -> None:
     rng = np.random.default_rng(10)
-    found: list[list[float]] = []
-    for _ in range(100):
-        judged_slow = analyse_sections(cut(flicker(rng)), LABELS, NAMES, coloured=True)
-        found.append([t.p_value for t in judged_slow.tests])
-    p = np.array(found)
-    assert np.mean(p < 0.05, axis=0).max() < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 100)
+    found = [judged_given(series(rng), b, k) for _ in range(60)]
+    assert sum(one.correlation is not WHITE for one in found) <= 3
+    p = np.array([[t.p_value for t in one.tests[:2]] for one in found])
+    assert np.mean(p < 0.05, axis=0).max() < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 60)
+    assert sum(one.long_test is not None for one in found) <= 3
+    # The same noise, stated too small by a factor of five, does not look like stated noise.
+    less = [judged_given(series(rng), b / 5, k / 5) for _ in range(10)]
+    assert all(one.correlation is not WHITE for one in less)
+    assert (sum(one.long_test is not None for one in less) >= 8) == (k > 0)
+
+
+def test_a_change_and_a_drift_beyond_the_stated_slow_noise_are_found() -> None:
+    rng = np.random.default_rng(11)
     sections = flicker(rng)
     sections[4][SAMPLES // 2 :, 1] += 40.0
-    change = analyse_sections(cut(sections), LABELS, NAMES, coloured=True).tests[0]
-    assert change.name == "change within e (y)"
-    assert change.p_value < 1e-3
+    within = judged_given(sections, FLICKER, 0.0).within
+    assert within is not None
+    assert within.name == "change within e (y)"
+    assert within.p_value < 1e-3
+    time = np.arange(SAMPLES)[:, None] / SAMPLES
+    drifting = [one + 6.0 * time * [0, 1, 0] for one in flicker(rng)]
+    common = judged_given(drifting, FLICKER, 0.0).trend_test
+    assert common is not None
+    assert common.name == "drift common to all sections (y)"
+    assert common.p_value < 1e-3

@@ -1,5 +1,6 @@
 """Means of rests that change, drift or scatter unlike the others."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -110,16 +111,46 @@ def test_slow_noise_enlarges_the_variance_of_means_and_is_reported() -> None:
     assert np.median(ratios) == pytest.approx(expected, rel=0.25)
 
 
-def test_slow_noise_that_the_sensor_states_is_not_counted_twice() -> None:
-    stated = imu(accelerometer=(Readout(), Noise(bias_instability=1e-3))).select_axes("f")
+@pytest.mark.parametrize("noise", [Noise(bias_instability=1e-4), Noise(random_walk=3e-5)])
+def test_a_drift_beyond_the_stated_slow_noise_is_found_as_if_none_were_stated(noise: Noise) -> None:
+    stated = imu(accelerometer=(Readout(), noise)).select_axes("f")
+    agrees, by_statement = seen(data(), stated, drifting=True), seen(data(), stated)
+    assert agrees.drift is not None
+    assert by_statement.drift is not None
+    np.testing.assert_array_equal(agrees.drift, by_statement.drift)
+    assert agrees.drift_mean is None
     values = data()
     values += 4e-3 * G * ((np.arange(len(values)) + 0.5) / len(values) - 0.5)[:, None]
-    found = seen(values, stated, drifting=True)
-    by_statement = seen(data(), stated)
+    found, unstated = seen(values, stated, drifting=True), seen(values, drifting=True)
+    assert min(p_values(found)) < 1e-6
     assert found.drift is not None
-    assert by_statement.drift is not None
-    np.testing.assert_allclose(found.drift, by_statement.drift, rtol=1e-12)
-    assert min(p_values(found)) < 1e-6  # it is tested all the same
+    assert unstated.drift is not None
+    np.testing.assert_allclose(found.drift - by_statement.drift, unstated.drift, rtol=0.1)
+    np.testing.assert_allclose(
+        found.without_drift.mean, unstated.without_drift.mean, rtol=0, atol=1e-4
+    )
+
+
+@pytest.mark.parametrize("rate", [0.0, 1e-3])
+def test_a_drift_of_the_gyros_is_only_stated_if_it_is_found(rate: float) -> None:
+    sensor = imu().select_axes("w")
+    rng = np.random.default_rng(7)
+    time = (np.arange(6 * COUNT) + 0.5) / RATE
+    values = 1e-3 * rng.standard_normal((6 * COUNT, 3)) + rate * (time / time[-1])[:, None]
+    notes = " ".join(seen(values, sensor, drifting=True).notes)
+    found = re.findall(r"about (\d+) °/h .* (\d+) s after", notes)
+    assert len(found) == (rate > 0)
+    for size, middle in found:  # 0.001 rad/s are 206 °/h, and the rests are centred at 30 s
+        assert int(size) == pytest.approx(206, rel=0.3)
+        assert middle == "30"
+
+
+def test_a_random_walk_far_beyond_the_stated_one_rejects_the_model() -> None:
+    stated = imu(accelerometer=(Readout(), Noise(random_walk=1e-3))).select_axes("f")
+    for walk, beyond in ((1e-3, False), (0.02, True)):
+        steps = walk / np.sqrt(RATE) * np.random.default_rng(5).standard_normal(data().shape)
+        tests = seen(data(5) + np.cumsum(steps, axis=0), stated, found=True).tests
+        assert any("slower" in t.name and t.p_value < 1e-4 for t in tests) == beyond
 
 
 def test_a_rest_of_larger_noise_has_a_larger_uncertainty_and_is_no_violation() -> None:

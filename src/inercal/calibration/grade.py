@@ -311,7 +311,8 @@ def grade_estimate(
             for shifted in (f"the {words}", best.shifted_coefficient)
         )
         bad.append(full if len(full) <= _MOST_REASON else brief)
-    mild = [_test_reason(test.name) for test in assessment.rejecting_tests]
+    strongest = sorted(assessment.rejecting_tests, key=lambda test: test.p_value)
+    mild = [_test_reason(test.name) for test in strongest]
     if assessment.scores_reject and suspect is None:
         mild.append(NO_SINGLE_CAUSE)
     elif suspect is not None:

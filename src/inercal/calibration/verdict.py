@@ -50,7 +50,12 @@ from inercal.calibration.suspect_text import (
     degrees_of_freedom,
 )
 from inercal.estimation import Estimate
-from inercal.estimation.scores import HYSTERESIS, SIGNIFICANCE_LEVEL
+from inercal.estimation.scores import (
+    COMMON_DRIFT,
+    HYSTERESIS,
+    SIGNIFICANCE_LEVEL,
+    SLOW_NOISE,
+)
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
@@ -325,6 +330,8 @@ def _steps_on_cause(
         if test.name.startswith(CHANGE_PREFIX):
             where = test.name.removeprefix(CHANGE_PREFIX)
             yield _Step(f"Check whether the sensor was touched {where}, and repeat it.")
+    if any(one.name.startswith((COMMON_DRIFT, SLOW_NOISE)) for one in assessment.rejecting_tests):
+        yield _Step("Let the sensor warm up, keep its temperature constant, and record again.")
 
 
 def _steps_on_undetectable(

@@ -31,6 +31,7 @@ _SHORT, _LONG = 1 / 9, 4.0  # in section lengths; the second one looks like a ra
 _LONG_RATIOS = np.geomspace(0.1, 3e6, 50)  # ρ for the long memory
 _ROUNDED = 1e-12  # of x
 _SURE = 1e9  # degrees of freedom of the prior if sections have equal variances
+_FLICKER = 2 * np.log(2) / np.pi  # Allan variance of flicker noise relative to B²
 
 
 class Contrasts(NamedTuple):
@@ -44,7 +45,7 @@ class Contrasts(NamedTuple):
     batches: Indices  # (r,)
     levels: tuple[Array, ...]  # (r, 2^(l − 1), m) each
     slope: Array  # (r, m)
-    slope_per_trend: Array  # (r,), value of `slope` for a trend of one per second
+    slope_per_trend: Array  # (r, m), value of `slope` for a trend of one per second
 
     @property
     def counts(self) -> Indices:
@@ -57,6 +58,34 @@ class Contrasts(NamedTuple):
         levels = tuple(level[chosen] for level in self.levels)
         parts = [part if isinstance(part, tuple) else part[chosen] for part in self]
         return Contrasts._make(parts)._replace(levels=levels)
+
+    def relative_to_slow_noise(self, flicker: Array, walk: Array) -> "Contrasts":
+        """Return the contrasts, scaled so that known slow noise looks like white noise.
+
+        A contrast of blocks of n samples and h seconds has the variance w + n σ²(h), where w is the
+        white noise, found at the fine levels, and σ² is the Allan variance of the slow noise
+        (2 ln 2/π B² + K² h/3, IEEE Std 952, annex C). It is divided by the square root of this
+        variance relative to w.
+
+        Parameters
+        ----------
+        flicker, walk : (m,) arrays
+            B and K of each channel, in its unit and in its unit per √s.
+        """
+        blocks = block_durations(self.seconds, len(self.levels))[..., None]
+        size = (self.samples / self.seconds)[:, None, None] * blocks
+        slow = size * (_FLICKER * flicker**2 + walk**2 * blocks / 3)  # (r, levels, m)
+        squares = np.stack([np.sum(level**2, axis=1) for level in self.levels], axis=1)
+        fine = self.counts[:, COARSE_LEVELS:, None]
+        power = squares[:, COARSE_LEVELS:].sum(axis=(0, 1)) / fine.sum()
+        white = power - np.sum(fine * slow[:, COARSE_LEVELS:], axis=(0, 1)) / fine.sum()
+        white = np.maximum(white, SMALLEST_VARIANCE * power)
+        ratio = np.sqrt(1 + slow / np.where(white > 0, white, np.inf))
+        return self._replace(
+            levels=tuple(one / ratio[:, [k]] for k, one in enumerate(self.levels)),
+            slope=self.slope / ratio[:, 0],
+            slope_per_trend=self.slope_per_trend / ratio[:, 0],
+        )
 
 
 @dataclass(frozen=True, eq=False)

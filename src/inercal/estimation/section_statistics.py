@@ -58,16 +58,14 @@ from inercal.estimation.correlation import (
     fit_correlations,
     moderated_variances,
 )
-from inercal.estimation.scores import ModelTest
+from inercal.estimation.scores import COMMON_DRIFT, SLOW_NOISE, ModelTest
 
 _BATCHES, _FEW_BATCHES, _FEW_SAMPLES = 16, 8, 64
 _OF_SLOPES = 3  # levels whose scatter is close to that of slopes
 _LEVEL = 0.01  # p-value of the tests within sections, below which a change counts
 _RAREST = 1e-290
 _ROUNDING = 16 * float(np.finfo(float).eps)  # relative to a reading
-_COMMON = "drift common to all sections"
 _BEYOND = 0.05  # p-value of the common-trend test, below which the trend counts
-_LONG = "noise slower than the sections"
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,15 +110,22 @@ class SectionStatistics:
         return tuple(test for test in every if test is not None)
 
     @property
+    def drifts(self) -> bool:
+        """Whether the trend test rejects at 5 %.
+
+        At this level, residuals also enlarge uncertainties.
+        """
+        return self.trend_test is not None and self.trend_test.p_value < _BEYOND
+
+    @property
     def significant_trend_sd(self) -> Array:
         """Standard deviation of the channels' trends in excess of noise, per second.
 
         The value is a moment estimate over all channels together, in units of each channel's noise
-        effect. It is zero if the trend test does not reject at 5 %, the level at which residuals
-        also enlarge uncertainties: the slopes of short sections are so uncertain that random values
-        must not count.
+        effect. It is zero unless `drifts` is true: the slopes of short sections are so
+        uncertain that random values must not count.
         """
-        if self.trend_test is None or self.trend_test.p_value >= _BEYOND:
+        if not self.drifts:
             return np.zeros(len(self.trend))
         known = (self.trend_sd > 0) & np.isfinite(self.trend_sd)
         if not known.any():
@@ -159,7 +164,8 @@ def haar_contrasts(sections: Iterable[Array], seconds: Array) -> Contrasts:
         levels.append((left - right) * (sqrt(width / 2) * size))
         merged = 0.5 * (left + right)
     coarsest_first, slope = tuple(levels[::-1]), np.stack(slopes)
-    return Contrasts(seconds, samples, batches, coarsest_first, slope, reach * seconds)
+    per_trend = np.repeat((reach * seconds)[:, None], slope.shape[1], axis=1)
+    return Contrasts(seconds, samples, batches, coarsest_first, slope, per_trend)
 
 
 def analyse_sections(
@@ -167,8 +173,6 @@ def analyse_sections(
     labels: Sequence[str],
     names: Sequence[str],
     rounding: Array | None = None,
-    *,
-    coloured: bool = False,
 ) -> SectionStatistics:
     """Analyse sections of channels of one kind, which have the same shape of noise.
 
@@ -182,9 +186,6 @@ def analyse_sections(
         Names of the channels.
     rounding : (m,) array, optional
         Variance that coarse quantisation steps add to each mean.
-    coloured : bool
-        Whether the noise is known to have a slow part with any spectrum, such as flicker. Each
-        contrast and slope is then compared only with others of the same length.
     """
     r = len(labels)
     # Levels that a short section does not have are zero.
@@ -204,11 +205,8 @@ def analyse_sections(
         for key, found in distinct.items()
     }
     steps = np.zeros(used.size) if rounding is None else rounding[used] / size[used] ** 2
-    if coloured:
-        seen = _changes_by_other_sections(relative)
-    else:
-        scatters = np.array([[part[k] for part in moderated[id(o)]] for k, o in enumerate(others)])
-        seen = _changes(sections, relative, others, scatters, steps)
+    scatters = np.array([[part[k] for part in moderated[id(o)]] for k, o in enumerate(others)])
+    seen = _changes(sections, relative, others, scatters, steps)
     tests = [*_bursts(sections, relative, steps), *seen]
     p = np.stack([one.p for one in tests], axis=-1)
     section, channel, kind = (int(k) for k in np.unravel_index(np.argmin(p), p.shape))
@@ -219,13 +217,9 @@ def analyse_sections(
         shift = one.power / sections.samples[:, None] * size[used] ** 2
         disturbance_variance[:, used] += np.where(p.size * one.p < _LEVEL, shift, 0.0)
     steady = np.asarray(~disturbance_variance.any(axis=1))
-    trend, sd, own, common = _trend(
-        sections.of(steady), names, size, used, None if coloured else fitted
-    )
+    trend, sd, own, common = _trend(sections.of(steady), names, size, used, fitted)
     scale = moderated[id(fitted)][0]
     test = model_test_from_p_value(name, p.size * float(p[section, channel, kind]))
-    # Stated slow noise is part of the model.
-    slow = correlations.long and not coloured
     return SectionStatistics(
         fitted,
         scale / scale.mean(),
@@ -235,7 +229,7 @@ def analyse_sections(
         disturbance_variance,
         test,
         common,
-        ModelTest(_LONG, correlations.rise, 2) if slow else None,
+        ModelTest(SLOW_NOISE, correlations.rise, 2) if correlations.long else None,
         shape,
     )
 
@@ -273,19 +267,6 @@ def _changes(
     return found
 
 
-def _changes_by_other_sections(relative: Sequence[Array]) -> list[_DisturbanceTests]:
-    """Test for changes by comparison with contrasts at the same level in the other sections."""
-    found: list[_DisturbanceTests] = []
-    for place, level in enumerate(relative[:COARSE_LEVELS]):
-        power, count = np.sum(level**2, axis=1), 2**place
-        dof = power[1:].size * count
-        rest = (power.sum() - power.sum(axis=1, keepdims=True)) / max(dof, 1)
-        ratio = power / count / np.maximum(rest, SMALLEST_VARIANCE)
-        p = scipy.special.fdtrc(count, dof, ratio) if dof else np.ones(power.shape)
-        found.append(_DisturbanceTests("change", p, power / count))
-    return found
-
-
 def _bursts(
     sections: Contrasts, relative: Sequence[Array], steps: Array
 ) -> list[_DisturbanceTests]:
@@ -315,26 +296,25 @@ def _trend(
     names: Sequence[str],
     size: Array,
     used: Indices,
-    correlation: NoiseCorrelation | None,
+    correlation: NoiseCorrelation,
 ) -> tuple[Array, Array, Array, ModelTest | None]:
     """Return the mean trend, its sd, the sd of one slope, (m,) each, and the trend test."""
     m, r = len(names), len(sections.seconds)
     if r < 3:
         return np.full(m, np.nan), np.full(m, np.nan), np.full(m, np.nan), None
     reach, slope = sections.slope_per_trend, sections.slope
-    square = float(reach @ reach)
-    mean = reach @ slope / square
+    square = np.sum(reach**2, axis=0)
+    mean = np.sum(reach * slope, axis=0) / square
     unit = np.where(size > 0, size, 1.0)
     # In units of their noise, the slopes of all channels scatter as much as contrasts of halves.
-    left = ((slope - reach[:, None] * mean) / unit)[:, used]
+    left = ((slope - reach * mean) / unit)[:, used]
     total, dof = float(np.sum(left**2)), left.size - used.size
-    if correlation is not None:
-        blocks = block_durations(sections.seconds, _OF_SLOPES)
-        shapes = correlation.contrast_variance_ratio(blocks)
-        for place, level in enumerate(sections.levels[1:_OF_SLOPES], 1):
-            squares = np.sum((level[..., used] / size[used]) ** 2, axis=(1, 2))
-            total += float(np.sum(squares / (shapes[:, place] / shapes[:, 0])))
-            dof += r * 2**place * used.size
+    blocks = block_durations(sections.seconds, _OF_SLOPES)
+    shapes = correlation.contrast_variance_ratio(blocks)
+    for place, level in enumerate(sections.levels[1:_OF_SLOPES], 1):
+        squares = np.sum((level[..., used] / size[used]) ** 2, axis=(1, 2))
+        total += float(np.sum(squares / (shapes[:, place] / shapes[:, 0])))
+        dof += r * 2**place * used.size
     own = np.sqrt(total / dof) * size
     sd = own / np.sqrt(square)
     if not total > 0:
@@ -342,7 +322,7 @@ def _trend(
     square_t = np.zeros(m)
     square_t[used] = (mean[used] / sd[used]) ** 2
     p = float(scipy.special.fdtrc(used.size, dof, square_t.sum() / used.size))
-    name = f"{_COMMON} ({names[int(square_t.argmax())]})"
+    name = f"{COMMON_DRIFT} ({names[int(square_t.argmax())]})"
     return mean, sd, own, model_test_from_p_value(name, p)
 
 

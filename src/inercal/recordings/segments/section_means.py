@@ -264,8 +264,11 @@ def average_sections(
         if drifting and slow.covariance.any():
             course, shared = slow.course(since, recording.duration)
             drift = shared if drift is None else drift + shared
-            reach = np.sqrt(slow.covariance[:, 0, 0]) * recording.duration
-            notes = (*notes, *drift_notes(sensor, reach))
+            middle = float((middles - since)[0] - recording.time[0])
+            notes = (
+                *notes,
+                *drift_notes(sensor, noise._replace(drift=slow), recording.duration, middle),
+            )
     else:
         trials: Array = np.reshape(recording.data, (-1, *recording.data.shape[-2:]))
         kelvins: list[Array | None] = [temperature] * len(trials)

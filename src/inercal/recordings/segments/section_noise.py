@@ -68,6 +68,7 @@ class SectionNoise(NamedTuple):
     tests: tuple[ModelTest, ...]
     notes: tuple[str, ...]
     disturbance_variance: Array  # (r, m), variance of each mean due to a change within its section
+    drifting: tuple[str, ...] = ()  # what the sensors measure whose drift was detected: "f", "w"
 
     def factor(self, seconds: Array, lengths: Array, batches: int) -> Array:
         """Return the variance of means relative to that from the pooled batch means, (s, m).
@@ -121,6 +122,7 @@ def section_noise_statistics(
     correlation = [WHITE] * m
     tests: list[ModelTest] = []
     notes: list[str] = []
+    drifting: list[str] = []
     if by_hand:
         steps = np.array([rounding[[axis.measures == "f" for axis in sensor.axes]].max()])
         series = readings_along_gravity(sensor, sections())
@@ -136,14 +138,19 @@ def section_noise_statistics(
             continue
         cut = haar_contrasts((section[:, own] for section in sections()), seconds)
         names = [sensor.axes[k].name for k in own]
-        # Slow noise that the sensor's table states is used as stated.
         noises = [sensor.axes[k].noise for k in own]
-        stated = any(one.bias_instability or one.random_walk for one in noises)
-        judged = analyse_sections(cut, labels, names, rounding[own], coloured=stated)
+        # Slow noise that the sensor's table states is part of the noise; a trend may exceed it.
+        slow = np.array([(one.bias_instability, one.random_walk) for one in noises]).T
+        stated = bool(slow.any())
+        judged = analyse_sections(cut, labels, names, rounding[own])
         scale[:, own] = judged.scale[:, None]
+        if stated:
+            cut = cut.relative_to_slow_noise(*slow)
+            judged = analyse_sections(cut, labels, names, rounding[own])
         disturbance_variance[:, own] = judged.disturbance_variance
         tests += judged.tests
-        if not stated:
+        drifting += [kind] * judged.drifts
+        if judged.drifts or not stated:
             if kind == "w":
                 # All sections measure a gyro's bias, so their residuals reveal its drift.
                 drift.covariance[own, 0, 0] = judged.significant_trend_sd**2
@@ -154,12 +161,11 @@ def section_noise_statistics(
                 drift.rates[:, own], drift.covariance[own] = drift_of_slopes(
                     cut.of(steady), since[steady], judged.slope_sd, rounding[own]
                 )
-            for k in own:
-                correlation[k] = judged.correlation
-        notes += _notes(quantity.sensors, judged, seconds, labels, stated)
-    return SectionNoise(
-        scale, tuple(correlation), drift, tuple(tests), tuple(notes), disturbance_variance
-    )
+        for k in own:
+            correlation[k] = judged.correlation
+        notes += _notes(quantity.sensors, judged, seconds, labels, "stated" if stated else "white")
+    every = tuple(correlation), drift, tuple(tests), tuple(notes), disturbance_variance
+    return SectionNoise(scale, *every, tuple(drifting))
 
 
 def drift_of_slopes(
@@ -180,30 +186,47 @@ def drift_of_slopes(
         Variance that coarse steps add to the mean of each half of a section.
     """
     reach = sections.slope_per_trend
-    design = reach[:, None] * np.stack([np.ones(len(since)), since], axis=-1)
-    gram = np.linalg.pinv(design.T @ design)
-    rates = gram @ design.T @ sections.slope
+    design = reach.T[..., None] * np.stack([np.ones(len(since)), since], axis=-1)  # (m, r, 2)
+    across = np.swapaxes(design, -1, -2)
+    gram = np.linalg.pinv(across @ design)
+    rates = (gram @ across @ sections.slope.T[..., None])[..., 0].T
     # The means of two halves of T seconds are T/2 apart, and both are rounded.
-    of_steps = 8 * rounding * float(np.mean((reach / sections.seconds) ** 2))
+    of_steps = 8 * rounding * np.mean((reach / sections.seconds[:, None]) ** 2, axis=0)
     return rates, (slope_sd**2 + of_steps)[:, None, None] * gram
 
 
-def drift_notes(sensor: Sensor, reach: Array) -> list[str]:
-    """Return notes about the drift over the run that the uncertainty includes, (m,) SI."""
+def drift_notes(sensor: Sensor, noise: SectionNoise, length: float, middle: float) -> list[str]:
+    """Return notes about the drift over the run.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    noise : SectionNoise
+    length : float
+        Duration of the recording, s.
+    middle : float
+        Middle of the sections at rest, s after the start of the recording.
+    """
     notes: list[str] = []
+    drift = noise.drift
+    each = np.hypot(drift.rates[0], np.sqrt(drift.covariance[:, 0, 0])) * length
     for kind, quantity in QUANTITIES.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
-        if own and (most := float(reach[own].max())) > 0:
-            text = format_quantity(most, 0.0, "mg" if kind == "f" else "°/s", 2)
+        if own and (most := float(each[own].max())) > 0:
+            text, words = format_quantity(most, 0.0, quantity.bias_unit, 2), quantity.sensors
             notes.append(
-                f"A drift of the {quantity.sensors} of up to {text} (1 σ) over the run cannot be "
+                f"The slopes within the rests suggest that the {words} drift by about {text} over "
+                f"the run. Their biases, and the U of these, are valid {middle:.0f} s after its "
+                "start."
+                if kind in noise.drifting
+                else f"A drift of the {words} of up to {text} (1 σ) over the run cannot be "
                 "excluded. The uncertainty of the biases includes it."
             )
     return notes
 
 
 def _notes(
-    words: str, judged: SectionStatistics, seconds: Array, labels: Sequence[str], stated: bool
+    words: str, judged: SectionStatistics, seconds: Array, labels: Sequence[str], expected: str
 ) -> list[str]:
     notes = [
         f"The readings change within {labels[k]}. The uncertainty of its mean includes the "
@@ -211,12 +234,12 @@ def _notes(
         for k in np.flatnonzero(judged.disturbance_variance.any(axis=1)).tolist()
     ]
     noise = judged.correlation
-    if noise is not WHITE and not stated:
+    if noise is not WHITE:
         times = float(np.sqrt(np.median(noise.mean_variance_ratio(seconds))))
         notes.append(
             f"The noise of the {words} within sections is correlated over about "
             f"{float(f'{noise.seconds:.1g}'):g} s, so the uncertainty of a mean is {times:.2g} "
-            "times as large as it would be with white noise."
+            f"times as large as it would be with {expected} noise."
         )
     worst = int(np.argmax(judged.scale))
     ratio = float(np.sqrt(judged.scale[worst] / np.median(judged.scale)))
