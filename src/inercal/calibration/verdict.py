@@ -177,11 +177,13 @@ def verdict(
     graded = grade_estimate(estimate, sensor, assessment, findings, tuple(far))
     unseen = _undetectable(estimate, sensor, assessment)
     shown = "" if assessment.suspect is None else assessment.suspect.name
-    exact = [
-        name
+    exact = {
+        name: accepted
         for name in undetectable_exact_parameters(estimate, sensor, expected)
         if name != ErrorName(shown).name
-    ]
+        # Otherwise the error cannot occur in this run.
+        and (accepted := advisor.accepts_uncertainty(name)) is not False
+    }
     known = next((_CAUSES[one.what] for one in findings if one.what in _CAUSES), "")
     steps = [
         *(() if known else _steps_on_cause(assessment, advisor, tuple(far), row_word, row)),
@@ -193,7 +195,8 @@ def verdict(
                 Advice(name, action="state its uncertainty"),
                 needed=False,
             )
-            for name in exact
+            for name, accepted in exact.items()
+            if accepted
         ),
     ]
     steps += _steps_on_findings(findings, advisor, steps)
