@@ -13,12 +13,15 @@ from inercal import runfile
 from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
 from inercal.benches.dividing_head.reading import observe
+from inercal.calibration.best_cause import SuspectedCause, action_on
 from inercal.calibration.plausible_sizes import scale_remarks
 from inercal.estimation import Estimate
 from inercal.methods import Fit
 from inercal.methods.dividing_head_problem import remarks
 from inercal.physics.plan import Index
+from inercal.pipeline.advisor import RunAdvisor
 from inercal.pipeline.drafts import draft_run_file
+from inercal.pipeline.outcome import FittedRun
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "dividing_head"
 G = Measured(9.8, 0.0)
@@ -93,3 +96,19 @@ def test_a_mounting_angle_of_degrees_may_be_the_zero_of_the_head(
     estimate = SimpleNamespace(value=np.array([0.1, -angle, 0.1, 1e-4]))
     fit = SimpleNamespace(sensor=sensor, bench=bench, estimate=estimate)
     assert len(remarks(cast("Fit[DividingHead, Index]", fit)).notes) == told
+
+
+@pytest.mark.parametrize(("name", "estimated"), [("a.k1_prime", False), ("a.k0_dT", True)])
+def test_the_advice_says_if_no_method_for_the_head_estimates_a_coefficient(
+    name: str, estimated: bool, tmp_path: Path
+):
+    run = runfile.read(changed_lab(tmp_path))
+    estimate = SimpleNamespace(score_tests=SimpleNamespace(chi2=50.0), noise_dof=np.inf)
+    done = SimpleNamespace(stated=run, run=run, estimate=estimate, expected={})
+    advisor = RunAdvisor(cast(FittedRun, done), "position", lambda _: cast(FittedRun, done))
+    cause = SimpleNamespace(name=name, kind="coefficient", components=(name,), changes=())
+    cause.chi2, cause.dof, cause.remaining_chi2 = 40.0, 1, 10.0
+    cause = cast(SuspectedCause, cause)
+    given = advisor.on_cause(cause)
+    assert not given.changes
+    assert (given.action == action_on(cause, "position")) == estimated

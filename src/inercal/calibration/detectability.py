@@ -21,13 +21,14 @@ Commission (external reliability).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import nan, sqrt
+from math import isfinite, nan, sqrt
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
+from inercal.basics.units import format_quantity
 from inercal.estimation import Estimate, ScoreTest
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import TERMS, ErrorTerm
@@ -35,6 +36,7 @@ from inercal.physics.sensors.coefficient_tables import TERMS, ErrorTerm
 CRITICAL_SHIFT, DETECTABLE_NORM = 5.0, 7.0  # shift in u, and limit of η at this shift
 _UNSCORED_NORM = 3.0  # a candidate with a smaller η at its largest plausible size is not scored
 _ROUNDING = 1e-9  # u
+_UNITS = {"rad": "°", "rad/s": "°/h", "m": "mm", "T": "µT", "1": "ppm", "m/s²": "µg"}
 
 
 @dataclass(frozen=True)
@@ -102,8 +104,10 @@ def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[Undetectabl
 
 def undetectable_exact_parameters(
     estimate: Estimate, sensor: Sensor, expected: Mapping[str, Parameter]
-) -> tuple[str, ...]:
+) -> dict[str, str]:
     """Return bench parameters that are stated as exact although the data cannot show an error.
+
+    The values are the errors that shift a coefficient by 5 u, as text; empty if unknown.
 
     Parameters
     ----------
@@ -124,12 +128,14 @@ def undetectable_exact_parameters(
         )
     ]
     shifts = _largest_shifts(exact, estimate.std[: len(sensor.coefficients)])
-    pairs = zip(exact, shifts, strict=True)
-    return tuple(
-        dict.fromkeys(
-            ErrorName(one.name).name for one, moved in pairs if _is_undetectable(one, moved)
-        )
-    )
+    found: dict[str, str] = {}
+    for one, moved in zip(exact, shifts, strict=True):
+        if _is_undetectable(one, moved):
+            sizes = _undetected_sizes(one, moved, sensor)
+            known = len(sizes) == 1 and isfinite(sizes[0])
+            size = format_quantity(sizes[0], 0.0, _UNITS.get(one.units[0], one.units[0]), 2)
+            found.setdefault(ErrorName(one.name).name, size if known else "")
+    return found
 
 
 def _is_undetectable(score: ScoreTest, moved: float) -> bool:
@@ -152,8 +158,10 @@ def _largest_shifts(scores: Sequence[ScoreTest], u: Array) -> list[float]:
 def _undetected_sizes(score: ScoreTest, moved: float, sensor: Sensor) -> list[float]:
     """Return the sizes, SI, at which the components shift a coefficient by 5 u; NaN if unknown."""
     size: list[float] = np.abs(score.size).tolist()
-    if moved <= 0 or not (score.dof or score.kind == "coefficient"):
-        return [nan] * len(size)
-    if not score.dof:
+    if not score.dof and score.kind == "coefficient":
         size = [coefficient_definition(sensor, full).largest for full in score.components]
+    elif not score.dof:
+        size = [nan] * len(size) if score.largest is None else score.largest.tolist()
+    if moved <= 0:
+        return [nan] * len(size)
     return [CRITICAL_SHIFT * one / moved for one in size]

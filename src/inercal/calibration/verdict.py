@@ -178,8 +178,8 @@ def verdict(
     unseen = _undetectable(estimate, sensor, assessment)
     shown = "" if assessment.suspect is None else assessment.suspect.name
     exact = {
-        name: accepted
-        for name in undetectable_exact_parameters(estimate, sensor, expected)
+        name: (accepted, size)
+        for name, size in undetectable_exact_parameters(estimate, sensor, expected).items()
         if name != ErrorName(shown).name
         # Otherwise the error cannot occur in this run.
         and (accepted := advisor.accepts_uncertainty(name)) is not False
@@ -191,11 +191,11 @@ def verdict(
         *(
             _Step(
                 f"State the uncertainty of {bench_words(name, (name,), expected)} in the run file; "
-                "it is now treated as exact.",
+                f"it is now treated as exact{size and f' (an error of {size} counts)'}.",
                 Advice(name, action="state its uncertainty"),
                 needed=False,
             )
-            for name, accepted in exact.items()
+            for name, (accepted, size) in exact.items()
             if accepted
         ),
     ]
@@ -205,12 +205,14 @@ def verdict(
     undetectable = (
         *(_undetectable_text(one, sensor, row_word) for one in unseen),
         *(one.message for one in findings if one.what == UNSEEN),
-        *(f"error of {bench_words(name, (name,), expected)}" for name in exact),
+        *(
+            f"error of {bench_words(name, (name,), expected)}{size and f': {size}'}"
+            for name, (_, size) in exact.items()
+        ),
     )
     largest = _largest_uncertainties(estimate, sensor, expected)
     wrong = bool(far) or any(one.severity == "refused" for one in findings)
     told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
-    resolved = () if assessment.rejects else told
     scales = tuple(f"{_sentence(one)}: {why}." for one, why in far.items())
     sections = {
         explanation.AGREEMENT: (
@@ -250,7 +252,8 @@ def verdict(
         "" if added or cause or not named or assessment.best is None else _alternatives_line(
             alternatives(assessment.best, estimate.score_tests, sensor, expected)
         ),
-        "" if graded.grade == "consistent" else _next_line(steps, resolved),
+        "" if graded.grade == "consistent" else
+        _next_line(steps, told, only=not assessment.rejects),
         _uncertainty_line(largest),
         _count_line(len(undetectable)),
     )  # fmt: skip
@@ -322,6 +325,13 @@ def _steps_on_cause(
     row, suspect, best = assessment.row, assessment.suspect, assessment.best
     if suspect is None and best is not None and best.name.startswith(HYSTERESIS):
         suspect = best  # it hides all other causes
+    rejecting = [one.name for one in assessment.rejecting_tests]
+    slow = ()
+    if any(name.startswith(COMMON_DRIFT) for name in rejecting):
+        slow = (_Step("Let the sensor warm up, keep its temperature constant, and record again."),)
+    elif SLOW_NOISE in rejecting:
+        slow = (_Step("Wait longer after each move before you average, or record for longer."),)
+    yield from slow if suspect is None else ()
     if suspect is not None:
         advice = advisor.on_cause(suspect)
         again = "measure it again, or " if suspect.kind == "bench" and not suspect.changes else ""
@@ -329,12 +339,11 @@ def _steps_on_cause(
         yield _Step(f"{_sentence(text)}{'' if advice.changes else '.'}", advice)
     elif row is not None and row.adjusted < SIGNIFICANCE_LEVEL:
         yield _Step(f"Look at the readings of “{row.name}”, and repeat this {row_word}.")
-    for test in assessment.rejecting_tests:
-        if test.name.startswith(CHANGE_PREFIX):
-            where = test.name.removeprefix(CHANGE_PREFIX)
+    yield from slow if suspect is not None else ()
+    for name in rejecting:
+        if name.startswith(CHANGE_PREFIX):
+            where = name.removeprefix(CHANGE_PREFIX)
             yield _Step(f"Check whether the sensor was touched {where}, and repeat it.")
-    if any(one.name.startswith((COMMON_DRIFT, SLOW_NOISE)) for one in assessment.rejecting_tests):
-        yield _Step("Let the sensor warm up, keep its temperature constant, and record again.")
 
 
 def _steps_on_undetectable(
@@ -377,15 +386,16 @@ def _first_line(word: str, why: str) -> str:
     return first_fit(f"{word}: {why}{end}", f"{word}: {short}{end}", f"{word}: {cut}")
 
 
-def _next_line(steps: Sequence[_Step], warnings: Sequence[str]) -> str:
+def _next_line(steps: Sequence[_Step], warnings: Sequence[str], *, only: bool) -> str:
     """Return a line with the first necessary step; keys to paste are never shortened.
 
-    Without such a step, the first of the warnings is named, if only they reduce the grade.
+    Without such a step, the first of the warnings is named, if `only` they reduce the grade.
     """
     if not (steps and steps[0].needed):
-        if warnings:
+        if warnings and only:
             return fit(f"{explanation.NEXT}resolve the warning: {warnings[0]}")
-        return f"{explanation.NEXT}check the stated noise and bench, and read the warnings."
+        also = ", and read the warnings" if warnings else ""
+        return f"{explanation.NEXT}check the stated noise and bench{also}."
     text = f"{explanation.NEXT}{steps[0].text[:1].lower()}{steps[0].text[1:]}"
     return text if steps[0].has_keys else fit(text)
 

@@ -20,6 +20,7 @@ from inercal.basics.units import Measured, format_value_and_uncertainty, si_fact
 from inercal.benches.key_declarations import declarations
 from inercal.calibration.best_cause import SuspectedCause, action_on, also, changes_text
 from inercal.estimation import Estimate
+from inercal.methods import METHODS
 from inercal.pipeline.outcome import FittedRun
 from inercal.runfile import Run, from_sections
 
@@ -97,6 +98,12 @@ class RunAdvisor:
             section, _, name = key.removeprefix("[").partition("] ")
             if name and name not in self._run.sections.get(section, {}):
                 return f"state {key}, and set in the run file: {changes_text(completed)}"
+        if cause.kind == "coefficient":
+            own = (one for one in METHODS.values() if one.bench is self._run.method.bench)
+            able = (set(cause.components) <= set(one.possible(self._run.sensor)) for one in own)
+            if not any(able):
+                text = "no method for this bench estimates this coefficient"
+                return f"{text}; U does not include its effect"
         return action_on(cause, self.row_word)
 
     def on_coefficients(self, names: Sequence[str]) -> Advice | None:
