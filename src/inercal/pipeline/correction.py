@@ -19,6 +19,7 @@ from inercal.recordings import Finding, Recording, ahead_of_lag
 from inercal.recordings.data import recording_loader
 from inercal.recordings.data.recording_loader import readback_columns, reader_columns
 from inercal.runfile import Run, read
+from inercal.runfile.priors import describe_readout
 
 _DIGITS = 9  # significant digits of numbers in a text file
 _LARGEST_EXACT = 1e22  # larger powers of ten are not exact
@@ -130,16 +131,17 @@ def require_same_readout(calibration: Calibration, run: Run) -> None:
             file=run.path,
             key="[data] kind",
         )
-    stated = {axis.name: axis.readout for axis in run.whole_sensor.axes}
+    stated = {axis.name: axis for axis in run.whole_sensor.axes}
     for axis in calibration.sensor.axes:
-        here = stated.get(axis.name, axis.readout)
-        if here.unit == axis.readout.unit and not np.allclose(
-            [here.scale, here.offset], [axis.readout.scale, axis.readout.offset]
-        ):
+        here = stated.get(axis.name, axis)
+        mine, theirs = here.readout, axis.readout
+        same = np.isclose([mine.scale, mine.offset], [theirs.scale, theirs.offset])
+        if mine.unit == theirs.unit and not same.all():
+            section = QUANTITIES[axis.measures].sensor
             raise InputError(
-                f"{run.path}: {axis.name} has scale {here.scale:.6g} and offset {here.offset:g} "
-                f"{here.unit} per SI unit; the calibration is for {axis.readout.scale:.6g} and "
-                f"{axis.readout.offset:g}; state these in [sensor]",
+                f"{run.path}: {'only the offset' if same[0] else 'the scale'} of {axis.name} "
+                f"differs: scale and offset are {describe_readout(here)} here, and "
+                f"{describe_readout(axis)} in the calibration; state that in [sensor.{section}]",
                 file=run.path,
                 names=(axis.name,),
             )

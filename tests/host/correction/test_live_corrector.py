@@ -163,3 +163,21 @@ def test_columns_in_another_order_than_for_the_calibration_are_reported(
     assert ("axes" in found) == told
     if made_with and not told:
         assert crossed_columns(run) == made_with
+
+
+@pytest.mark.parametrize(
+    ("readout", "differs"),
+    [({"offset": 3.0}, ("1 g/g and 3",)), ({"scale": 0.2}, ("1 g/g and 0",))],
+)
+def test_another_readout_than_that_of_the_calibration_is_refused(
+    readout: dict[str, float], differs: str, tmp_path: Path
+):
+    run = run_of(tmp_path)
+    made = calibration_of(run)
+    axis = made.sensor.axes[0]
+    other = replace(axis, readout=replace(axis.readout, **readout))
+    sensor = replace(made.sensor, axes=(other, *made.sensor.axes[1:]))
+    with refused(names=("ax",)) as refusal:
+        apply(replace(made, sensor=sensor), run)
+    assert differs in str(refusal.value)
+    assert ("offset" in readout) == ("only" in str(refusal.value))

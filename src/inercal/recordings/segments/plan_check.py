@@ -59,8 +59,8 @@ def marks_from_labels(recording: Recording, *, again: bool = False) -> tuple[Mar
             raise InputError(
                 f"{recording.source}: label {mark.label!r} appears again at "
                 f"{recording.where(mark.start)}, but each label must mark a single unbroken "
-                "section: use a different label there, or leave its cells empty, because samples "
-                "with empty cells belong to no section",
+                f"section: use a different label there, such as '{mark.label} (2)', or leave its "
+                "cells empty, because samples with empty cells belong to no section",
                 file=recording.source or None,
                 line=recording.line(mark.start),
                 names=(mark.label,),
