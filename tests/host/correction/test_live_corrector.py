@@ -167,7 +167,7 @@ def test_columns_in_another_order_than_for_the_calibration_are_reported(
 
 @pytest.mark.parametrize(
     ("readout", "differs"),
-    [({"offset": 3.0}, ("1 g/g and 3",)), ({"scale": 0.2}, ("1 g/g and 0",))],
+    [({"offset": 3.0}, "1 g/g and 3"), ({"scale": 0.2}, "1 g/g and 0")],
 )
 def test_another_readout_than_that_of_the_calibration_is_refused(
     readout: dict[str, float], differs: str, tmp_path: Path
