@@ -22,6 +22,8 @@ from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, PlainAdvisor,
 from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,
+    implausible_sizes,
+    scale_remarks,
     undetectable_causes,
     undetectable_exact_parameters,
 )
@@ -41,7 +43,6 @@ from inercal.calibration.grade import (
     is_far_from_nominal,
     two_digits,
 )
-from inercal.calibration.plausible_sizes import implausible_sizes, scale_remarks
 from inercal.calibration.suspect_text import (
     alternatives,
     bench_words,
@@ -56,10 +57,10 @@ from inercal.estimation.scores import (
     SIGNIFICANCE_LEVEL,
     SLOW_NOISE,
 )
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
-from inercal.physics.sensors.coefficient_words import GROUP_WORDS, axis_words, coefficient_words
+from inercal.physics.sensors.coefficient_selection import GROUP_WORDS, axis_words, coefficient_words
 from inercal.recordings import Finding, merge_messages
 
 _DRIFT_PREFIX = "drift of "  # followed by the axis
@@ -507,7 +508,7 @@ def _uncertainty_line(largest: Sequence[_Uncertainty]) -> str:
         parts = [f"{group} {', '.join(each)}" for group, each in groups.items()]
         text = f"Largest U (k = 2): {'; '.join(parts)}."
         if len(text) <= MOST_CHARACTERS or not count:
-            return fit_list("Largest U (k = 2): ", parts, separator="; ") if parts else ""
+            return fit_list("Largest U (k = 2): ", parts, "; ") if parts else ""
     return ""
 
 
