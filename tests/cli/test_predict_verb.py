@@ -133,7 +133,7 @@ def test_a_sweep_beyond_the_validity_shades_what_is_outside(folder: Path):
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (("--at", "f = 1, 0, 0 g"), "--at f"),
+        (("--at", "f = 1, 0, 0"), "--at f"),
         (("--at", "f = 1 g"), "--at f"),
         (("--at", "q = 1 g"), "--at"),
         (("--at", "f = 1 g, 0, 0; f = 0, 0, 0"), "--at"),
