@@ -227,8 +227,10 @@ def section_notes(inputs: EstimatorInput) -> Iterator[str]:
                 f"Samples were lost for {format_duration(missing)} of the "
                 f"{format_duration(span)} of section {mark.label}."
             )
-    for k, (start, stop) in () if inputs.rests is None else inputs.rests.other_parts:
-        mark = inputs.rests.marks[k]
+    if (rests := inputs.rests) is None:
+        return
+    for k, (start, stop) in rests.other_parts:
+        mark = rests.marks[k]
         if stop - start > _PART * (mark.stop - mark.start):
             yield (
                 f"Only {mark.stop - mark.start} samples of rest {mark.label} are used, because the "

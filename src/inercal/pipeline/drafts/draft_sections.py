@@ -18,12 +18,12 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, si_factor
 from inercal.benches.arm import LENGTHS, RATES
 from inercal.physics.sensors import G0
-from inercal.pipeline.drafts.column_names import bracketed_unit, column_unit, run_file_column
+from inercal.pipeline.drafts.column_names import column_unit, run_file_column
 from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
 from inercal.pipeline.drafts.draft_entries import ANYWHERE, UNKNOWN, DraftKey
 from inercal.pipeline.drafts.method_trials import RAMP
 from inercal.pipeline.drafts.quiet_sections import QuietMeans, find_quiet_sections, rest_means
-from inercal.pipeline.drafts.rate_tables import rate_unit
+from inercal.pipeline.drafts.rate_tables import angle_unit_key, collimation_key, rate_unit
 from inercal.pipeline.drafts.readouts import (
     GuessedReadout,
     far_off,
@@ -261,9 +261,9 @@ def data_keys(
         entries.append(DraftKey("data", "table_file", file(Path(roles.table_file))))
     if roles.table:
         entries.append(DraftKey("data", "table", list(roles.table), "by their names"))
-        entries += _angle_unit("table_unit", roles.table[0])
+        entries += angle_unit_key("table_unit", roles.table[0])
     if roles.attitude and roles.means:
-        entries += _angle_unit("attitude_unit", roles.attitude[0])
+        entries += angle_unit_key("attitude_unit", roles.attitude[0])
         entries.append(DraftKey("data", "attitude", list(roles.attitude), "by their names"))
     wanted = {
         "centrifuge": ("arm_rate", "label", "temperature"),
@@ -278,9 +278,9 @@ def data_keys(
             name = roles.single[role]
             entries.append(DraftKey("data", role, run_file_column(name), roles.reasons[role]))
             if role in ("angle", "autocollimator", "level", "roll"):
-                entries += _angle_unit(f"{role}_unit".replace("roll", "angle"), name)
+                entries += angle_unit_key(f"{role}_unit".replace("roll", "angle"), name)
             if role == "autocollimator":
-                entries += _collimation(table, roles)
+                entries += collimation_key(table, roles)
             if role == "table_rate":
                 entries.append(DraftKey("data", "table_rate_unit", *rate_unit(table, roles)))
             if role == "arm_rate" and (unit := roles.units["arm_rate"]) != "rpm":
@@ -296,24 +296,6 @@ def data_keys(
     if bench == "hand" and not roles.means and "label" in roles.single:
         entries.append(DraftKey("data", "marks", "labels", "the column names the sections"))
     return tuple(entries)
-
-
-def _angle_unit(key: str, column: str) -> tuple[DraftKey, ...]:
-    """Return the key for the unit of angles that the name of a column states."""
-    unit = bracketed_unit(column, "°")
-    return () if unit in (None, "°") else (DraftKey("data", key, unit, "by its name"),)
-
-
-def _collimation(table: Table, roles: ColumnRoles) -> tuple[DraftKey, ...]:
-    """Return how an autocollimator was used, judged by the positions with a reading."""
-    reading = np.nan_to_num(table.numbers(roles.single["autocollimator"]))
-    if not reading.any():
-        return ()
-    angle = bracketed_unit(roles.single["angle"], "°") or "°"
-    quarters = table.numbers(roles.single["angle"]) * si_factor(angle) / (np.pi / 2)
-    pairs = np.allclose(quarters[reading != 0], np.rint(quarters[reading != 0]), atol=1e-3)
-    reason = "its readings are at " + ("0°, 90°, 180° and 270°" if pairs else "other angles, too")
-    return (DraftKey("bench", "autocollimation", "pairs" if pairs else "every", reason),)
 
 
 def _thermometer_keys(
