@@ -20,6 +20,7 @@ def refused(
     with pytest.raises(kind) as refusal:
         yield refusal
     error = refusal.value
+    assert not str(error).endswith(":"), f"the message has lost its end: {error}"
     for name, expected in data.items():
         got = getattr(error, name)
         if name == "names":

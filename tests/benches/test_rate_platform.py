@@ -3,15 +3,17 @@
 import csv
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from tests.refusals import refused
 
 from inercal.basics.units import Measured
-from inercal.benches.rate_platform import RatePlatform
+from inercal.benches.rate_platform import RatePlatform, linearity
 from inercal.benches.rate_platform.kind import KIND
-from inercal.benches.rate_platform.linearity import straight_lines
+from inercal.benches.rate_platform.linearity import SpeedScale, straight_lines
 from inercal.benches.rate_platform.sections import (
     KnownTurn,
     Pose,
@@ -405,3 +407,12 @@ def test_one_direction_is_a_list_of_three_numbers(tmp_path: Path, axis: str, pos
         return
     with refused():
         run_of(tmp_path, rows, sensor=f"axis = {axis}", gyro=["gx"])
+
+
+def test_speeds_in_the_table_of_scale_factors_are_round(monkeypatch: pytest.MonkeyPatch):
+    rows = [SpeedScale("gz", "z", float(np.radians(v)), 1.0, 1e-6, 0.0, 1e-7)
+            for v in (5.00000002, 9.99999999, 0.1234567)]  # fmt: skip
+    monkeypatch.setattr(linearity, "speed_scales", lambda *_: rows)
+    shown = SimpleNamespace(bench=BENCH, steps=(), observations=None, sensor=None)
+    table = linearity.output_tables(cast(Any, None), cast(Any, shown))["scale_factors"]
+    assert list(table["speed, °/s"]) == [5.0, 10.0, 0.1234567]

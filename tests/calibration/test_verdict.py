@@ -1,14 +1,18 @@
 """The verdict says in words what the numbers say."""
 
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
 import pytest
 
 from inercal.benches.report_data import measured_direction
-from inercal.calibration.explanation import UNCERTAINTIES
+from inercal.calibration import grade
+from inercal.calibration.best_cause import OutlierRow
+from inercal.calibration.explanation import CHECKS, NEXT_STEPS, UNCERTAINTIES
 from inercal.calibration.verdict import verdict
 from inercal.estimation import Estimate
+from inercal.estimation.scores import COMMON_DRIFT, SLOW_NOISE, ModelTest
 from inercal.physics.plan import Hold
 from inercal.physics.sensors import G0, Sensor, imu, triad
 from inercal.recordings import Finding
@@ -129,3 +133,24 @@ def test_warnings_are_repeated_and_notes_are_not():
     assert "a gap" in said.statements
     assert said.warned == ("gap",)
     assert "some jitter" not in said.statements
+
+
+@pytest.mark.parametrize("name", [f"{COMMON_DRIFT} (ax)", SLOW_NOISE])
+def test_a_slow_change_comes_before_the_row_that_fits_worst(
+    name: str, monkeypatch: pytest.MonkeyPatch
+):
+    row = OutlierRow("r07", 21.0, 1, 1e-4, ())
+    monkeypatch.setattr(grade, "find_outlier_row", lambda _: row)
+    made = replace(estimate(SENSOR, 60.0, 12), tests=(ModelTest(name, 80.0, 1),))
+    (steps,) = (one for one in verdict(made, SENSOR, ()).explanation if one.heading == NEXT_STEPS)
+    assert ["r07" in line for line in steps.lines] == [False, True]
+
+
+def test_warnings_are_only_mentioned_if_there_are_any():
+    scattered = estimate(SENSOR, 60.0, 12)
+    quiet, warned = (
+        verdict(scattered, SENSOR, found)
+        for found in ((), (Finding("warning", "odd", "an odd reading"),))
+    )
+    assert CHECKS not in {one.heading for one in quiet.explanation}
+    assert ["warnings" in "".join(one.lines) for one in (quiet, warned)] == [False, True]

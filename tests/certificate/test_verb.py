@@ -1,5 +1,6 @@
 """`inercal certificate`: numbers, job data, amendments, refusals, extras."""
 
+import base64
 import builtins
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -273,3 +274,25 @@ def test_a_calibration_as_found_is_of_the_same_sensor(laboratory: Laboratory, tm
     ended = laboratory.run("--as-found", found)
     assert ended.status == 2
     assert "SN 0418" in ended.error
+
+
+@pytest.mark.parametrize("damage", ["attachment", "list", "covariance"])
+def test_results_that_cannot_be_read_are_a_failed_check(
+    damage: str, laboratory: Laboratory, tmp_path: Path
+):
+    original = laboratory.issue().with_suffix(".xml")
+    root = etree.parse(original)
+    place = {"attachment": "dataBase64", "list": "valueXMLList"}.get(damage, "covariance")
+    element = next(root.iter(f"{{*}}{place}"))
+    if damage == "attachment":
+        content = base64.b64decode(element.text).replace(b'"schema"', b'"sch\\ema"', 1)
+        element.text = base64.b64encode(content).decode()
+    elif damage == "list":
+        element.text = element.text.rpartition(" ")[0]
+    else:
+        element.getparent().remove(element)
+    damaged = tmp_path / "damaged.xml"
+    root.write(damaged)
+    ended = run_program("certificate", "verify", damaged, "--json")
+    checks = {one["name"]: one["passed"] for one in json.loads(ended.output)["checks"]}
+    assert (ended.status, checks["results 1"]) == (3, False)

@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.program import run_program
+from tests.refusals import refused
 
 from inercal.calibration import Calibration, Validity
 from inercal.calibration.detectability import UndetectableCause
 from inercal.calibration.files import load, save
 from inercal.calibration.grade import Verdict
 from inercal.physics.sensors import G0, Sensor, axes_along, imu, single
+from inercal.pipeline.operating_points import points_from_texts
 
 RATE = np.radians(100)
 WIDEST = 100  # characters of a line
@@ -131,7 +133,7 @@ def test_a_sweep_beyond_the_validity_shades_what_is_outside(folder: Path):
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (("--at", "f = 1, 0, 0 g"), "--at f"),
+        (("--at", "f = 1, 0, 0"), "--at f"),
         (("--at", "f = 1 g"), "--at f"),
         (("--at", "q = 1 g"), "--at"),
         (("--at", "f = 1 g, 0, 0; f = 0, 0, 0"), "--at"),
@@ -218,3 +220,14 @@ def test_no_verb_overwrites_an_input_of_the_calibration(folder: Path, verb: str,
     done = run_program(verb, path, *words, "--out", recording, "--force")
     assert (done.status, "input" in done.error) == (2, True)
     assert recording.read_text() == "t,f\n0,1\n"
+
+
+@pytest.mark.parametrize("shared", ["f = 0, 0.25, -0.5 g", "w = 0, 25, -50 °/s"])
+def test_components_may_share_the_unit_of_the_last(folder: Path, shared: str):
+    calibration = load(folder / "imu.calibration.json")
+    kind, *_, unit = shared.split()
+    each = shared.replace(",", f" {unit},")
+    one, other = (points_from_texts([text], calibration)[kind] for text in (shared, each))
+    np.testing.assert_array_equal(one, other)
+    with refused():
+        points_from_texts(["T = 20, 30 °C"], calibration)

@@ -282,3 +282,20 @@ def test_dates_of_means_are_ignored_under_any_name():
 def test_iso_dates_in_equal_steps_are_the_time_under_any_name():
     assert recognise_columns(dated_table(0.02, 600)).single["time"] == "Datum"
     assert "time" not in recognise_columns(dated_table(2.0, 600)).single
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("ax [mA]", "mA"),
+        ("ax [µV]", "µV"),
+        ("ax [µg]", "µg"),
+        ("ax (mm/s^2)", "mm/s^2"),
+        ("ax (m/s^2)", "m/s²"),
+        ("ax (counts)", "LSB"),
+        ("ax", None),
+    ],
+)
+def test_units_in_brackets_are_read(name: str, unit: str | None):
+    roles = by_names(",".join(("t", name, name.replace("x", "y"), name.replace("x", "z"))))
+    assert roles.units.get("accelerometer") == unit

@@ -1,6 +1,7 @@
 """The verb, the explanation in each file, and refusals."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,11 +23,12 @@ from tests.refusals import refused
 import inercal
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration.files import calibration_object
-from inercal.cli.export_command import default_path
+from inercal.cli.export_command import cost_lines, default_path
 from inercal.export import TARGETS, export_calibration
 from inercal.export.model import parse_axes
 from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.term_kinds import kinds_of
+from inercal.physics.quantities import ANGULAR_RATE, SPECIFIC_FORCE
 from inercal.physics.sensors import Sensor, cluster, imu, triad
 
 # One term at least of each kind that a target leaves out.
@@ -305,3 +307,26 @@ def test_a_file_with_uncertainties_does_not_deny_them(to: str):
     assert (u in made.text) == (to == "csv")
     denied = any("uncertainties" in line and "only" in line for line in made.header)
     assert denied == (to != "csv")
+
+
+@pytest.mark.usefixtures("few_samples")
+@pytest.mark.parametrize(
+    ("to", "options", "given"),
+    [
+        ("imu_tk", {"part": "gyro"}, "angular rate"),
+        ("imu_tk", {"part": "accelerometer"}, "specific force"),
+        ("imu_calib", {}, "specific force"),
+    ],
+)
+def test_a_file_of_one_triad_says_what_it_gives_in_one_unit(
+    to: str, options: dict[str, str], given: str
+):
+    made = export_calibration(make_calibration(*SOME, readouts=COUNTS), to, options=options)
+    takes = " ".join(made.header).partition("; gives ")[2].partition(" frame: ")[0]
+    assert [one.name in takes for one in (SPECIFIC_FORCE, ANGULAR_RATE)] == [
+        one.name == given for one in (SPECIFIC_FORCE, ANGULAR_RATE)
+    ]
+    for kind in (SPECIFIC_FORCE, ANGULAR_RATE):
+        lines = [line for line in cost_lines(made) if kind.name in line]
+        units = set(re.findall(r"[\d.]+ ([^\s,;()]*[g°][^\s,;()]*)", " ".join(lines)))
+        assert len(units) == 1, lines

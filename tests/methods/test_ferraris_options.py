@@ -15,6 +15,7 @@ from tests.accuracy.inercal_inputs import make_bench, make_observations, true_co
 from tests.refusals import refused
 
 from inercal.benches import Hand
+from inercal.calibration.explanation import UNDETECTABLE, customer_sections
 from inercal.estimation import Estimate
 from inercal.methods import METHODS
 from inercal.physics.sensors import Sensor, imu
@@ -170,6 +171,18 @@ def test_a_run_file_of_gyros_alone_is_consistent(tmp_path: Path):
     truth = {"gx.bias": np.radians(0.3), "gy.scale": -0.008}
     for name in found.sensor.coefficients:
         assert abs(found.value(name) - truth.get(name, 0.0)) < 4.5 * found.uncertainty(name)
+
+
+@pytest.mark.parametrize("angle", ["0 °", "0.3 °"])
+def test_an_exact_turn_angle_is_named_and_no_key_is_advised_that_is_refused(
+    tmp_path: Path, angle: str
+):
+    verdict = calibrated(tmp_path, ('turn_angle = "0.3 °"', f'turn_angle = "{angle}"')).verdict
+    advised = {one.reason for one in verdict.advice if one.action == "state its uncertainty"}
+    assert advised == ({"turn_angle"} if angle == "0 °" else set())
+    unseen = " ".join(dict(customer_sections(verdict.explanation))[UNDETECTABLE])
+    assert "turn_on" not in unseen
+    assert "turns" in unseen or "turn_angle" in unseen
 
 
 FILES = """[sensor.accelerometer]

@@ -33,7 +33,7 @@ from tests.refusals import refused
 
 from inercal.basics.errors import NotObserved
 from inercal.basics.keys import CoefficientName
-from inercal.basics.units import Measured
+from inercal.basics.units import Measured, parse_quantity
 from inercal.benches.rate_platform import RatePlatform
 from inercal.benches.rate_platform.sections import KnownTurn, RateDwell
 from inercal.calibration.best_cause import SuspectedCause
@@ -42,6 +42,7 @@ from inercal.calibration.grade import assess
 from inercal.estimation import Estimate, Gaussian
 from inercal.methods import METHODS
 from inercal.methods.rates_and_poses import ml
+from inercal.physics.earth import EARTH_RATE
 from inercal.physics.sensors import GYRO, triad
 from inercal.recordings import Observations
 
@@ -381,7 +382,12 @@ def test_a_sensitivity_to_g_squared_is_not_taken_for_changes_of_the_bias():
 def test_what_is_absorbed_by_g_is_named_where_the_run_file_does_not_state_it():
     _, found = with_g(0.0)
     sensor = triad("t", "w", "g").with_coefficients(*LINEAR, *G_TERMS)
-    assert {"latitude", "turn_on"} <= set(undetectable_exact_parameters(found, sensor, {}))
+    sizes = undetectable_exact_parameters(found, sensor, {})
+    assert {"latitude", "turn_on"} <= set(sizes)
+    # The vertical part of the earth's rate shifts the g-sensitivity along each axis.
+    u = found.std[sensor.coefficients.index("gx.g_i")]
+    expected = 5 * u * 9.81 / (EARTH_RATE * np.cos(LATITUDE))
+    assert parse_quantity(sizes["latitude"], "rad").value == pytest.approx(expected, rel=0.02)
     made = devices(MID_SIX, "C", PLAIN, LINEAR, 1, np.random.default_rng(9))
     plain = estimated(made, bench(PLAIN), LINEAR, device=0)
     sensor = sensor.with_coefficients(*LINEAR)

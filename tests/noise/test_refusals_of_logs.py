@@ -1,13 +1,17 @@
 """What `inercal noise` refuses before the work: all that a log lacks, and two run files."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.program import run_program
+from tests.refusals import refused
 
 from inercal.basics.errors import InputError
 from inercal.methods import METHODS
+from inercal.pipeline.drafts.log_files import read_logs
+from inercal.pipeline.drafts.rest_recording import read_rest_recording
 
 
 def unnamed_log(folder: Path) -> Path:
@@ -37,3 +41,26 @@ def test_two_run_files_to_write_are_refused_and_none_is_written(tmp_path: Path):
 def test_a_mistyped_method_has_its_nearest_name():
     with pytest.raises(InputError, match="did you mean ferraris"):
         METHODS.find("feraris")
+
+
+@pytest.mark.parametrize("first", ["", "1"])
+def test_labels_that_begin_later_are_skipped_and_a_damaged_cell_is_refused(
+    tmp_path: Path, first: str
+):
+    rng, path = np.random.default_rng(2), tmp_path / "log.csv"
+    readings = np.hstack([rng.normal([0, 0, 9.81], 0.01, (400, 3)), rng.normal(0, 1e-3, (400, 3))])
+    rows = [[f"{x:.5f}" for x in row] + [first] for row in readings]
+    for k in range(200, 300):
+        rows[k][6] = "z_p"
+    path.write_text("\n".join(map(",".join, [["ax", "ay", "az", "gx", "gy", "gz", "step"], *rows])))
+    stated = {"data.rate": "100 Hz", "sensor.gyro.unit": "rad/s"}
+    np.testing.assert_allclose(
+        read_rest_recording(path, stated).data, np.round(readings, 5), atol=1e-12
+    )
+    shown = json.loads(run_program("show", path, "--json").output)
+    assert shown["columns"][6]["median"] == ""
+    rows[250][1] = "O.01"
+    path.write_text("\n".join(map(",".join, [["ax", "ay", "az", "gx", "gy", "gz", "step"], *rows])))
+    for read in (lambda: read_rest_recording(path, stated), lambda: read_logs([path], {})):
+        with refused(line=252, names=("ay",)):
+            read()

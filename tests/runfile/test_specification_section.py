@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from numpy.testing import assert_allclose
+from tests.refusals import refused
 from tests.runfile.key_sweep import EXAMPLES, Content, example, toml
 from tests.runfile.run_file_texts import FERRARIS
 
@@ -194,3 +195,16 @@ def test_a_negative_limit_is_not_called_an_uncertainty(tmp_path: Path, limit: st
     assert refusal.value.key == "[specification.limits] ax.k0"
     assert "limit" in str(refusal.value).partition(limit)[2]
     assert "uncertainty" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("stated_rule", "named"), [("factor = -1.0", "-1"), ('rule = "simple"\nfactor = 1.5', "simple")]
+)
+def test_an_impossible_decision_rule_is_refused_with_its_reason(
+    tmp_path: Path, stated_rule: str, named: str
+):
+    path = tmp_path / "run.toml"
+    path.write_text(f'{FERRARIS}\n[specification]\n{stated_rule}\nlimits = {{ k0 = "± 20 mg" }}')
+    with refused(key="[specification] factor") as refusal:
+        read(path)
+    assert named in str(refusal.value)

@@ -3,14 +3,18 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.recordings import Mark, Recording
+from inercal.pipeline.run_calibration import section_notes
+from inercal.recordings import Finding, Mark, Recording
+from inercal.recordings.data import EstimatorInput
 from inercal.recordings.data.rest_marks import marks_after_audit, marks_from_file
-from inercal.recordings.segments import check_marks, marks_from_labels
+from inercal.recordings.segments import RestDetection, check_marks, marks_from_labels
 
 JSON = '{"x_p": {"start": 540, "end": 1271}, "x_a": {"start": 1400, "end": 2000}}'
 TABLE = "label,start,end\nx_p,540,1271\nx_a,1400,2000\n"
@@ -172,3 +176,16 @@ def test_marks_beyond_a_file_are_refused_though_samples_were_dropped(limits: tup
     made = replace(recording(8), original=np.array([0, 1, 2, 5, 6, 7, 8, 9]))
     with refused(names=["y_p"]):
         check_marks(marks_after_audit((Mark("y_p", *limits),), made), made, NEEDED)
+
+
+@pytest.mark.parametrize(
+    ("lost", "other", "count"), [(0, 0, 0), (50, 0, 1), (0, 60, 1), (50, 60, 2)]
+)
+def test_sections_that_are_not_used_whole_are_remarked(lost: int, other: int, count: int):
+    time = 0.01 * np.arange(1000.0)
+    time[200:] += 0.01 * lost
+    marks = (Mark("one", 100, 300), Mark("two", 400, 600))
+    found = RestDetection(marks, (), 0.1, Finding("note", "rests", ""), ((1, (610, 610 + other)),))
+    made = Recording(time, np.zeros((1000, 1)), ("ax",), ("m/s²",))
+    inputs = SimpleNamespace(recording=made, marks=marks, rests=found)
+    assert len(list(section_notes(cast(EstimatorInput, inputs)))) == count

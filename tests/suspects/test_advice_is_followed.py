@@ -5,6 +5,7 @@ Of examples, of devices with each violation, and of the failing inputs of public
 
 import re
 import shutil
+import tomllib
 import warnings
 from pathlib import Path
 
@@ -16,8 +17,11 @@ from tests.evidence.violation_cells import CASES, base_cells, case_cells, device
 
 import inercal
 from inercal.basics.errors import InercalError
+from inercal.basics.run_file_advice import Change, with_changes
 from inercal.basics.units import parse_quantity
+from inercal.benches.kind_definition import KINDS
 from inercal.pipeline.drafts import draft_run_file
+from inercal.runfile import from_sections
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -120,6 +124,27 @@ def test_advice_on_a_reported_input_is_kept(name: str, tmp_path: Path):
         run_file = draft.path
         run_file.write_text(draft.text, encoding="utf-8")
     kept_advice(run_file)
+
+
+KEYS = {"g": "gravity"}  # of parameters with another name
+
+
+@pytest.mark.parametrize("name", ["dividing_head/lab", "rate_platform/gyros"])
+def test_every_uncertainty_that_a_verdict_asks_for_can_be_stated(name: str, tmp_path: Path):
+    folder = tmp_path / "example"
+    shutil.copytree((EXAMPLES / name).parent, folder)
+    run_file = folder / f"{Path(name).name}.toml"
+    outcome = inercal.calibrate(run_file)
+    asked = [a.reason for a in outcome.verdict.advice if a.action == "state its uncertainty"]
+    assert asked
+    content = tomllib.loads(run_file.read_text(encoding="utf-8"))
+    fields = KINDS[content["bench"]["kind"]].section.model_fields
+    for key in (KEYS.get(one, one) for one in asked):
+        known = content["bench"].get(key, fields[key].default)
+        example = next(iter(fields[key].examples or ()), known)
+        changed = Change("bench", key, example)
+        sections = with_changes(content, (changed,))
+        from_sections(run_file, sections, "")
 
 
 STATED, COMPUTED = 'gravity = "9.80123 m/s² ± 0.1 mm/s²"', 'height = "500 m"'

@@ -86,8 +86,11 @@ def axis_letters(columns: Sequence[str | int]) -> tuple[str, ...]:
     >>> axis_letters(["gyro_z (deg/s)"]), axis_letters([4, 5, 6]), axis_letters(["left", "right"])
     (('z',), ('x', 'y', 'z'), ())
     """
-    if len(columns) == len(_THREE):
-        return _THREE
+    return _THREE if len(columns) == len(_THREE) else axis_ends(columns)
+
+
+def axis_ends(columns: Sequence[str | int]) -> tuple[str, ...]:
+    """Return the axes at the ends of the columns' names; empty if two are alike or one has none."""
     ends = tuple(_UNIT.sub("", str(one)).strip().lower()[-1:] for one in columns)
     return ends if set(ends) <= {*_THREE} and len(set(ends)) == len(ends) else ()
 

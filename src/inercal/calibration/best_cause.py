@@ -322,6 +322,13 @@ class Advisor(Protocol):
         """Complete the keys in the advice of a method; None if the advice cannot be followed."""
         ...
 
+    def accepts_uncertainty(self, name: str) -> bool | None:
+        """Return whether the run file can state an uncertainty of a bench parameter.
+
+        False if the key has no effect in this run, and None if there is no such key.
+        """
+        ...
+
 
 class PlainAdvisor:
     """An advisor without a run, which cannot try its advice.
@@ -350,6 +357,10 @@ class PlainAdvisor:
     def on_changes(self, advice: Advice) -> Advice | None:
         """Return the advice unchanged."""
         return advice
+
+    def accepts_uncertainty(self, name: str) -> bool | None:
+        """Return True, because there is no run that could refuse the key."""
+        return True
 
 
 def also(words: str | Sequence[str]) -> Change:

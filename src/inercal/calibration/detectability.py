@@ -25,15 +25,16 @@ the reading by at most 0.2 % of 1 g or 1 rad/s, at 1 g or 1 rad/s. The limit is 
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import nan, sqrt
+from math import isfinite, nan, sqrt
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
-from inercal.basics.units import format_value_and_uncertainty
+from inercal.basics.units import format_quantity, format_value_and_uncertainty
 from inercal.estimation import Estimate, ScoreTest
+from inercal.physics.quantities import ANGULAR_RATE, SPECIFIC_FORCE
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import TERMS, ErrorTerm
 from inercal.recordings import Finding
@@ -41,6 +42,7 @@ from inercal.recordings import Finding
 CRITICAL_SHIFT, DETECTABLE_NORM = 5.0, 7.0  # shift in u, and limit of η at this shift
 _UNSCORED_NORM = 3.0  # a candidate with a smaller η at its largest plausible size is not scored
 _ROUNDING = 1e-9  # u
+_UNITS = {"rad": "°", "rad/s": "°/h", "m": "mm", "T": "µT", "1": "ppm", "m/s²": "µg"}
 
 
 @dataclass(frozen=True)
@@ -108,8 +110,10 @@ def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[Undetectabl
 
 def undetectable_exact_parameters(
     estimate: Estimate, sensor: Sensor, expected: Mapping[str, Parameter]
-) -> tuple[str, ...]:
+) -> dict[str, str]:
     """Return bench parameters that are stated as exact although the data cannot show an error.
+
+    The values are the errors that shift a coefficient by 5 u, as text; empty if unknown.
 
     Parameters
     ----------
@@ -130,12 +134,14 @@ def undetectable_exact_parameters(
         )
     ]
     shifts = _largest_shifts(exact, estimate.std[: len(sensor.coefficients)])
-    pairs = zip(exact, shifts, strict=True)
-    return tuple(
-        dict.fromkeys(
-            ErrorName(one.name).name for one, moved in pairs if _is_undetectable(one, moved)
-        )
-    )
+    found: dict[str, str] = {}
+    for one, moved in zip(exact, shifts, strict=True):
+        if _is_undetectable(one, moved):
+            sizes = _undetected_sizes(one, moved, sensor)
+            known = len(sizes) == 1 and isfinite(sizes[0])
+            size = format_quantity(sizes[0], 0.0, _UNITS.get(one.units[0], one.units[0]), 2)
+            found.setdefault(ErrorName(one.name).name, size if known else "")
+    return found
 
 
 def _is_undetectable(score: ScoreTest, moved: float) -> bool:
@@ -158,16 +164,33 @@ def _largest_shifts(scores: Sequence[ScoreTest], u: Array) -> list[float]:
 def _undetected_sizes(score: ScoreTest, moved: float, sensor: Sensor) -> list[float]:
     """Return the sizes, SI, at which the components shift a coefficient by 5 u; NaN if unknown."""
     size: list[float] = np.abs(score.size).tolist()
-    if moved <= 0 or not (score.dof or score.kind == "coefficient"):
-        return [nan] * len(size)
-    if not score.dof:
+    if not score.dof and score.kind == "coefficient":
         size = [coefficient_definition(sensor, full).largest for full in score.components]
+    elif not score.dof:
+        size = [nan] * len(size) if score.largest is None else score.largest.tolist()
+    if moved <= 0:
+        return [nan] * len(size)
     return [CRITICAL_SHIFT * one / moved for one in size]
 
 
 _GROUPS = ("nonlinearity", "asymmetry", "cross", "g", "g2")
 _LARGEST = 0.02  # of the natural size
+_FAR_SCALE = 0.1  # the scale factors of most sensors are within a few percent of nominal
 _SIGMAS = 6.0  # standard deviations by which a coefficient must exceed the limit
+
+
+def scale_remarks(estimate: Estimate, sensor: Sensor) -> Iterator[str]:
+    """Yield a remark for each kind of sensor whose scale factors are far from the stated one."""
+    value = dict(zip(sensor.coefficients, estimate.value.tolist(), strict=False))
+    for kind in (SPECIFIC_FORCE, ANGULAR_RATE):
+        axes = (axis.name for axis in sensor.axes if axis.measures == kind.symbol)
+        errors = (value.get(f"{name}.{kind.scale}", 0.0) for name in axes)
+        size = max(errors, key=abs, default=0.0)
+        if abs(size) > _FAR_SCALE:
+            yield (
+                f"The scale factors of the {kind.sensors} differ by up to {100 * abs(size):.0f} % "
+                f"from the stated one: check the scale and the unit in [sensor.{kind.sensor}]"
+            )
 
 
 def implausible_sizes(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:

@@ -23,6 +23,7 @@ from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,
     implausible_sizes,
+    scale_remarks,
     undetectable_causes,
     undetectable_exact_parameters,
 )
@@ -177,11 +178,13 @@ def verdict(
     graded = grade_estimate(estimate, sensor, assessment, findings, tuple(far))
     unseen = _undetectable(estimate, sensor, assessment)
     shown = "" if assessment.suspect is None else assessment.suspect.name
-    exact = [
-        name
-        for name in undetectable_exact_parameters(estimate, sensor, expected)
+    exact = {
+        name: (accepted, size)
+        for name, size in undetectable_exact_parameters(estimate, sensor, expected).items()
         if name != ErrorName(shown).name
-    ]
+        # Otherwise the error cannot occur in this run.
+        and (accepted := advisor.accepts_uncertainty(name)) is not False
+    }
     known = next((_CAUSES[one.what] for one in findings if one.what in _CAUSES), "")
     steps = [
         *(() if known else _steps_on_cause(assessment, advisor, tuple(far), row_word, row)),
@@ -189,11 +192,12 @@ def verdict(
         *(
             _Step(
                 f"State the uncertainty of {bench_words(name, (name,), expected)} in the run file; "
-                "it is now treated as exact.",
+                f"it is now treated as exact{size and f' (an error of {size} counts)'}.",
                 Advice(name, action="state its uncertainty"),
                 needed=False,
             )
-            for name in exact
+            for name, (accepted, size) in exact.items()
+            if accepted
         ),
     ]
     steps += _steps_on_findings(findings, advisor, steps)
@@ -202,12 +206,14 @@ def verdict(
     undetectable = (
         *(_undetectable_text(one, sensor, row_word) for one in unseen),
         *(one.message for one in findings if one.what == UNSEEN),
-        *(f"error of {bench_words(name, (name,), expected)}" for name in exact),
+        *(
+            f"error of {bench_words(name, (name,), expected)}{size and f': {size}'}"
+            for name, (_, size) in exact.items()
+        ),
     )
     largest = _largest_uncertainties(estimate, sensor, expected)
     wrong = bool(far) or any(one.severity == "refused" for one in findings)
     told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
-    resolved = () if assessment.rejects else told
     scales = tuple(f"{_sentence(one)}: {why}." for one, why in far.items())
     sections = {
         explanation.AGREEMENT: (
@@ -221,7 +227,9 @@ def verdict(
         explanation.NEXT_STEPS: tuple(one.text for one in steps),
         explanation.UNCERTAINTIES: _uncertainties_by_group(largest),
         explanation.UNDETECTABLE: undetectable,
-        explanation.REMARKS: merge_messages(estimate.notes),
+        explanation.REMARKS: merge_messages(
+            (*estimate.notes, *(() if far else scale_remarks(estimate, sensor)))
+        ),
         explanation.CHECKS: merge_messages(told),
     }
     word = _sentence(graded.word)
@@ -245,7 +253,8 @@ def verdict(
         "" if added or cause or not named or assessment.best is None else _alternatives_line(
             alternatives(assessment.best, estimate.score_tests, sensor, expected)
         ),
-        "" if graded.grade == "consistent" else _next_line(steps, resolved),
+        "" if graded.grade == "consistent" else
+        _next_line(steps, told, only=not assessment.rejects),
         _uncertainty_line(largest),
         _count_line(len(undetectable)),
     )  # fmt: skip
@@ -296,7 +305,7 @@ def _scale_errors(estimate: Estimate, sensor: Sensor, row: str) -> Iterator[tupl
         reading = f"the reading of “{row}”" if row else "one of its readings"
         cause = f"its nominal scale factor or {reading} is wrong"
         if scale < 0:
-            cause = "the axis is reversed"
+            cause = f"the axis is reversed{sensor.negative_scales}"
         elif term == "k1":
             for ratio, words in ((G0, "m/s² stated as g"), (1 / G0, "g stated as m/s²")):
                 if abs(scale / ratio - 1) < _UNIT_RATIO_TOLERANCE:
@@ -317,6 +326,13 @@ def _steps_on_cause(
     row, suspect, best = assessment.row, assessment.suspect, assessment.best
     if suspect is None and best is not None and best.name.startswith(HYSTERESIS):
         suspect = best  # it hides all other causes
+    rejecting = [one.name for one in assessment.rejecting_tests]
+    slow = ()
+    if any(name.startswith(COMMON_DRIFT) for name in rejecting):
+        slow = (_Step("Let the sensor warm up, keep its temperature constant, and record again."),)
+    elif SLOW_NOISE in rejecting:
+        slow = (_Step("Wait longer after each move before you average, or record for longer."),)
+    yield from slow if suspect is None else ()
     if suspect is not None:
         advice = advisor.on_cause(suspect)
         again = "measure it again, or " if suspect.kind == "bench" and not suspect.changes else ""
@@ -324,12 +340,11 @@ def _steps_on_cause(
         yield _Step(f"{_sentence(text)}{'' if advice.changes else '.'}", advice)
     elif row is not None and row.adjusted < SIGNIFICANCE_LEVEL:
         yield _Step(f"Look at the readings of “{row.name}”, and repeat this {row_word}.")
-    for test in assessment.rejecting_tests:
-        if test.name.startswith(CHANGE_PREFIX):
-            where = test.name.removeprefix(CHANGE_PREFIX)
+    yield from slow if suspect is not None else ()
+    for name in rejecting:
+        if name.startswith(CHANGE_PREFIX):
+            where = name.removeprefix(CHANGE_PREFIX)
             yield _Step(f"Check whether the sensor was touched {where}, and repeat it.")
-    if any(one.name.startswith((COMMON_DRIFT, SLOW_NOISE)) for one in assessment.rejecting_tests):
-        yield _Step("Let the sensor warm up, keep its temperature constant, and record again.")
 
 
 def _steps_on_undetectable(
@@ -372,15 +387,16 @@ def _first_line(word: str, why: str) -> str:
     return first_fit(f"{word}: {why}{end}", f"{word}: {short}{end}", f"{word}: {cut}")
 
 
-def _next_line(steps: Sequence[_Step], warnings: Sequence[str]) -> str:
+def _next_line(steps: Sequence[_Step], warnings: Sequence[str], *, only: bool) -> str:
     """Return a line with the first necessary step; keys to paste are never shortened.
 
-    Without such a step, the first of the warnings is named, if only they reduce the grade.
+    Without such a step, the first of the warnings is named, if `only` they reduce the grade.
     """
     if not (steps and steps[0].needed):
-        if warnings:
+        if warnings and only:
             return fit(f"{explanation.NEXT}resolve the warning: {warnings[0]}")
-        return f"{explanation.NEXT}check the stated noise and bench, and read the warnings."
+        also = ", and read the warnings" if warnings else ""
+        return f"{explanation.NEXT}check the stated noise and bench{also}."
     text = f"{explanation.NEXT}{steps[0].text[:1].lower()}{steps[0].text[1:]}"
     return text if steps[0].has_keys else fit(text)
 

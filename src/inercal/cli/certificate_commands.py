@@ -92,7 +92,12 @@ def issue(
     day = _read_date(issued)
     # The modules of the work load after the inputs were checked.
     from inercal.calibration.files import load
-    from inercal.laboratory.certificate.content import CertificateInput
+    from inercal.laboratory.certificate.content import (
+        CertificateChange,
+        CertificateInput,
+        Texts,
+        make_certificate,
+    )
     from inercal.laboratory.certificate.issue import IssueOptions, make_files, read_signing_key
     from inercal.laboratory.certificate.issue import issue as issue_certificate
     from inercal.laboratory.certificate.job import read_job
@@ -120,8 +125,6 @@ def issue(
     if draft:
         if options.change:
             raise _option_error("--draft", "a draft cannot change a certificate; remove --draft")
-        if calibration.verdict is not None and calibration.verdict.grade == "unreliable":
-            console.report_line(f"warning: {file.name} is not to be relied on")
         files, number, address = make_files(given, "", options), "", None
         written = _write(files, out, f"{file.name.partition('.')[0]}.draft", force)
     else:
@@ -144,8 +147,12 @@ def issue(
             f"{number} does not refer; if {number} should not stand beside it, issue a "
             f"certificate with --replaces {number} and --reason"
         )
+    marks = make_certificate(given, number, CertificateChange()).marks
+    for mark, why in marks.items():
+        if why:
+            console.report_line(f"the pages are marked {Texts('en').word('mark', mark)}: {why}")
     if json:
-        content = {"number": number, "register": address, **written}
+        content = {"number": number, "register": address, "marks": marks, **written}
         console.print_json(content | ({"other_certificates": earlier} if earlier else {}))
         return
     console.print_written_files(written.values())

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from inercal.basics.errors import InputError, error_location
-from inercal.basics.units import format_quantity, si_factor
+from inercal.basics.units import format_number, format_quantity, si_factor
 from inercal.cli.console import print_json, report_line
 from inercal.cli.options import Force, Json, assignments, flag, out_option
 from inercal.cli.outputs import OutputKind, check_output_folder, check_outputs, source_files
@@ -16,11 +16,10 @@ if TYPE_CHECKING:
     from inercal.export import Export
     from inercal.export.ranges import Range
     from inercal.export.target_definition import Target
-    from inercal.physics.quantities import Measures
 
 
 OPTION_FORM = "OPTION=VALUE"
-_LEAST = 1e-3  # µg, °/h and µT; smaller errors are rounding errors
+_LEAST = 1e-3  # of the unit of the largest error; smaller ones do not count
 SET = typer.Option(
     [],
     "--set",
@@ -192,14 +191,24 @@ def costs_object(made: "Export") -> dict[str, Any]:
 
 def cost_lines(made: "Export") -> list[str]:
     """Describe the accuracy lost by an export, line by line."""
+    # All sizes of a quantity are in the unit of the largest.
+    sizes = {kind: si_factor(one.bias_unit) for kind, one in QUANTITIES.items()}
+    for one in made.costs:
+        sizes[one.measures] = max(sizes[one.measures], one.largest, one.expanded)
+    for one in made.losses:
+        sizes[one.measures] = max(sizes[one.measures], one.effect)  # NaN if it is unknown
+    units = {
+        kind: format_quantity(size, 0.0, QUANTITIES[kind].bias_unit, 2).partition(" ")[2]
+        for kind, size in sizes.items()
+    }
     lines = [
         f"not included by {made.target.name}: {one.word} ({QUANTITIES[one.measures].name}), "
-        + one.effect_text(_size_text(one.effect, one.measures))
+        + one.effect_text(_size_text(one.effect, units[one.measures]))
         for one in made.losses
     ]
     for one in made.costs:
         largest, rms, there = (
-            _size_text(size, one.measures) for size in (one.largest, one.rms, one.expanded)
+            _size_text(size, units[one.measures]) for size in (one.largest, one.rms, one.expanded)
         )
         lines.append(
             f"error in {QUANTITIES[one.measures].name} over the range: maximum {largest}, rms {rms}"
@@ -209,7 +218,6 @@ def cost_lines(made: "Export") -> list[str]:
     return lines
 
 
-def _size_text(size: float, measures: "Measures") -> str:
-    unit = QUANTITIES[measures].bias_unit
-    least = _LEAST * si_factor(unit)
-    return format_quantity(size, 0.0, unit, 2) if size >= least else f"less than {_LEAST:g} {unit}"
+def _size_text(size: float, unit: str) -> str:
+    shown = size / si_factor(unit)
+    return f"{f'less than {_LEAST:g}' if shown < _LEAST else format_number(shown, 2)} {unit}"

@@ -250,9 +250,9 @@ def _show_recording(file: Path, json: bool) -> None:
     import numpy as np
 
     from inercal.pipeline.drafts.column_roles import recognise_columns
-    from inercal.recordings.io.read import read_table
+    from inercal.pipeline.drafts.rest_recording import read_log_table
 
-    table = read_table(file)
+    table = read_log_table(file)
     roles = recognise_columns(table)
     role_of = {column: role for role, column in roles.single.items()}
     for kind, columns in roles.triads.items():

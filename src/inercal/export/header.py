@@ -71,7 +71,9 @@ def header_lines(
     lines = [f"{target.meaning}, by inercal {version('inercal')}"]
     lines += _source_lines(whole or model.calibration, source)
     kinds = " and ".join(
-        f"{QUANTITIES[k].name} in {QUANTITIES[k].ascii_unit}" for k, _ in model.triads
+        f"{QUANTITIES[k].name} in {QUANTITIES[k].ascii_unit}"
+        for k, _ in model.triads
+        if k in (target.holds if rendering.holds is None else rendering.holds)
     )
     lines.append(f"takes {rendering.reads}; gives {kinds}")
     lines.append(_frame_text(model))

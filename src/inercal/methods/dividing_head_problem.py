@@ -4,6 +4,7 @@ The errors of the head are nuisances or zero.
 """
 
 from dataclasses import replace
+from math import pi
 
 import numpy as np
 
@@ -18,14 +19,31 @@ from inercal.benches.dividing_head.head_angles import READING_SCALE, sensor_angl
 from inercal.benches.dividing_head.passes import drift_ramps, pass_names
 from inercal.estimation import Problem
 from inercal.estimation.scores import HYSTERESIS
-from inercal.methods import Priors, candidates, mean_problem
+from inercal.methods import Fit, Priors, Remarks, candidates, mean_problem
 from inercal.physics.plan import Index, Indexings
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
 MIN_POSITIONS = 4  # positions
 _TESTED_HARMONICS = 4  # of the head's error; higher harmonics act like graduation errors
+_LARGEST_MOUNTING, _FAR = pi / 180, 10.0  # rad; times the stated zero of the head
 _MAX_ANGLE_CORRECTION = 1.5e-4  # rad
+
+
+def remarks(fit: Fit[DividingHead, Index]) -> Remarks:
+    """Return a note if a mounting angle is so large that it may be the zero of the head."""
+    limit = max(_LARGEST_MOUNTING, _FAR * fit.bench.base)
+    values = zip(fit.sensor.coefficients, fit.estimate.value.tolist(), strict=False)
+    far = {name: value for name, value in values if "delta_o" in name and abs(value) > limit}
+    if not far:
+        return Remarks()
+    angles = " and ".join(f"{name} = {value * 180 / pi:.3g}°" for name, value in far.items())
+    return Remarks(
+        notes=(
+            f"{angles}: this includes the error of the head's zero. If the zero may be wrong by as "
+            "much, state it in [bench] base, because U includes only the stated base.",
+        )
+    )
 
 
 def plan(

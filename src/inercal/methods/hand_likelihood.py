@@ -238,6 +238,10 @@ def hand_problem(
         for name, one in bench.nuisances(done, sensor).items()
     }
     switched = bench.turn_on_biases(done, sensor)
+    families = {"turn_on": tuple(switched)} if switched else {}
+    exact = tuple(full for full, one in declared.items() if one.name == "angle" and not one.sd)
+    if exact:  # independent angles are no candidates, but exact ones have a common error
+        families["turn_angle"] = exact
     turns = [k for k, step in enumerate(done) if isinstance(step, Turn)]
     forces: dict[str, Array] = {}
     if turns and sensor.rank("f") < len("xyz"):
@@ -259,7 +263,7 @@ def hand_problem(
         unknown_forces=forces,
         stated_noise=noise,
         zero_input=_zero_input_readings(sensor, done),
-        families={"turn_on": tuple(switched)} if switched else None,
+        families=families,
         suspects=switched | declared,
     )
 

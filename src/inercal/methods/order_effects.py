@@ -140,6 +140,7 @@ def _hausman_test(estimate: Estimate, best: Estimate) -> ModelTest:
 _REPEATED = "repeat a position of each axis at the end to detect it"
 _REVERSED = "take the positions again in the reverse order to detect it"
 _BOTH_SENSES = "reach attitudes between the positions from both sides to detect it"
+_TURNS = "error of the angles that all turns have in common: it is a scale error of the gyros"
 _STILL = "make a second recording without vibration to detect it"
 
 
@@ -187,6 +188,9 @@ def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
         for name in dict.fromkeys(one.name for one in patterns)
         if name in unseen
     )  # fmt: skip
+    gyros = sensor.select_axes("w").axes and any(isinstance(step, Turn) for step in fit.steps)
+    if gyros and fit.bench.turn_angle:  # an exact angle is named as a bench parameter
+        findings += (Finding("note", "unseen", _TURNS),)
     return Remarks(findings=findings)
 
 

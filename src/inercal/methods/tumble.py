@@ -333,5 +333,6 @@ METHOD = Method(
     estimators={"least_squares": least_squares, "fourier": fourier},
     closed_formulas=("fourier",),
     weighs_common_errors=True,
+    remarks=dividing_head_problem.remarks,
     source="IEEE Std 1293, static multipoint (tumble) test",
 )

@@ -134,6 +134,7 @@ def _checked_latitude(latitude: float) -> float:
     # A pole given as 90 degrees may be too large by one rounding error after a conversion.
     if not abs(latitude) <= pi / 2 * (1 + 1e-12):
         raise InputError(
-            f"latitude {degrees(latitude):g}° is not possible; give −90° to 90°", key="latitude"
+            f"[bench] latitude: {degrees(latitude):g}° is not possible; give −90° to 90°",
+            key="latitude",
         )
     return latitude

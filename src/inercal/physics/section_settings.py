@@ -55,6 +55,8 @@ class BenchUsage:
         Whether the angles of a table are used.
     magnetometers : bool
         Whether the sensor has magnetometers.
+    one_file : bool
+        Whether all sections are from one recording.
     qualified : tuple of str
         Keys of [bench] whose values come from a qualification.
     """
@@ -67,6 +69,7 @@ class BenchUsage:
     rest: bool = False
     angles: bool = True
     magnetometers: bool = False
+    one_file: bool = False
     qualified: tuple[str, ...] = ()
 
 

@@ -20,11 +20,13 @@ from inercal.basics.units import Measured, format_value_and_uncertainty, si_fact
 from inercal.benches.key_declarations import declarations
 from inercal.calibration.best_cause import SuspectedCause, action_on, also, changes_text
 from inercal.estimation import Estimate
+from inercal.methods import METHODS
 from inercal.pipeline.outcome import FittedRun
 from inercal.runfile import Run, from_sections
 
 _ENOUGH = 0.9  # least fraction of the expected decrease of χ²
 _SAME = 1.0  # values of χ² with a smaller difference count as equal
+_SMALL = 1e-6  # an uncertainty that every key accepts, SI
 _WRONG_LATITUDE = radians(30)
 _HARMONIC = re.compile(r"(?:sin|cos)(\d+)")
 # Keys of parameters that the bench does not declare.
@@ -96,6 +98,12 @@ class RunAdvisor:
             section, _, name = key.removeprefix("[").partition("] ")
             if name and name not in self._run.sections.get(section, {}):
                 return f"state {key}, and set in the run file: {changes_text(completed)}"
+        if cause.kind == "coefficient":
+            own = (one for one in METHODS.values() if one.bench is self._run.method.bench)
+            able = (set(cause.components) <= set(one.possible(self._run.sensor)) for one in own)
+            if not any(able):
+                text = "no method for this bench estimates this coefficient"
+                return f"{text}; U does not include its effect"
         return action_on(cause, self.row_word)
 
     def on_coefficients(self, names: Sequence[str]) -> Advice | None:
@@ -123,6 +131,20 @@ class RunAdvisor:
             return None
         return replace(advice, changes=completed, chi2=after)
 
+    def accepts_uncertainty(self, name: str) -> bool | None:
+        """Return whether the run file can state an uncertainty of a bench parameter."""
+        scores = self._estimate.score_tests.scores
+        full = next(
+            one.components[0]
+            for one in scores
+            if one.kind == "bench" and ErrorName(one.name).name == name
+        )
+        key, stated = self._key(name), self._run.sections.get("bench", {})
+        if key not in self._run.kind.section.model_fields:
+            return None
+        text = self._text(key, stated.get(key), full, _SMALL, 0.0)
+        return self._is_readable((Change("bench", key, text),))
+
     def followed(self, advice: Advice) -> FittedRun:
         """Return the fit with the changed keys in `advice`, which this advisor gave."""
         fitted = self._tried[repr(advice.changes)]
@@ -133,6 +155,9 @@ class RunAdvisor:
         changes = self._completed((also(names),))
         if self._run.data.kind == "means":
             return self._estimate_after(changes) is not None
+        return self._is_readable(changes)
+
+    def _is_readable(self, changes: tuple[Change, ...]) -> bool:
         try:
             changed_run(self._run, changes)
         except InercalError:

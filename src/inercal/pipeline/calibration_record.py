@@ -21,6 +21,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.documents import installed_version
 from inercal.basics.parameters import Parameter
 from inercal.basics.units import ZERO_CELSIUS, format_count
+from inercal.benches.stated_axes import axis_ends
 from inercal.calibration import SharedError, Validity
 from inercal.calibration.calibration import SIMULATED
 from inercal.calibration.shared_errors import BenchEstimate
@@ -28,11 +29,12 @@ from inercal.calibration.type_prior import load_type_prior
 from inercal.calibration.validity import Range
 from inercal.estimation import Estimate
 from inercal.physics.plan import Turn
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.pipeline.stated_values import qualified_errors
 from inercal.recordings.data import EstimatorInput
-from inercal.recordings.data.recording_loader import gyro_file
+from inercal.recordings.data.recording_loader import gyro_file, unsigned_column
 from inercal.recordings.io.column_table import file_sha256
 from inercal.recordings.io.simulation_mark import read_simulation_mark
 from inercal.runfile import Run
@@ -43,6 +45,7 @@ _TYPE_PRIOR = "prior of the type"
 _GRAVITY = "g"  # a parameter of every bench
 _BLOCK = 1 << 16  # samples
 KEPT_CORRECTIONS = "corrections that the readings hold"
+CROSSED_COLUMNS = "columns with the name of another axis, or reversed"
 
 
 def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
@@ -56,6 +59,8 @@ def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
         conditions["temperature"] = f"{t.mean() - ZERO_CELSIUS:.2f} °C ({np.ptp(t):.2f} K range)"
     if recording is not None and recording.kept_corrections:
         conditions[KEPT_CORRECTIONS] = recording.kept_corrections
+    if crossed := crossed_columns(run):
+        conditions[CROSSED_COLUMNS] = crossed
     if recording is not None and recording.devices:
         conditions["devices"] = recording.devices
     if (search := run.search) is not None:
@@ -68,6 +73,21 @@ def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
             f"bias ±{bounds.bias:.3g} g"
         )
     return conditions
+
+
+def crossed_columns(run: Run) -> str:
+    """Return the axes whose columns are named after another axis or reversed, as "gx = -gy"."""
+    found: list[str] = []
+    for kind in QUANTITIES.values():
+        given = [str(column) for column in getattr(run.data, kind.sensor)]
+        plain = [unsigned_column(name) for name in given]
+        axes = [axis.name for axis in run.whole_sensor.axes if axis.measures == kind.symbol]
+        ends = axis_ends(plain) or tuple(name[-1] for name in axes)
+        for axis, end, name, own in zip(axes, ends, given, plain, strict=False):
+            sign = "-" * (name != own and not own.startswith("-("))  # "-(X)" is the name of −x
+            if sign or (axis[-1] in "xyz" and axis[-1] != end):
+                found.append(f"{axis} = {sign}{axis[:-1]}{end}")
+    return ", ".join(found)
 
 
 def prior_of_type(run: Run, inputs: EstimatorInput) -> dict[str, str]:

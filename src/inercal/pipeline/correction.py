@@ -14,16 +14,18 @@ from inercal.calibration import Calibration
 from inercal.calibration.validity import READING_MARGIN, distance_outside, temperatures_outside
 from inercal.methods import METHODS
 from inercal.physics.quantities import QUANTITIES
-from inercal.pipeline.calibration_record import KEPT_CORRECTIONS
+from inercal.pipeline.calibration_record import CROSSED_COLUMNS, KEPT_CORRECTIONS, crossed_columns
 from inercal.recordings import Finding, Recording, ahead_of_lag
 from inercal.recordings.data import recording_loader
 from inercal.recordings.data.recording_loader import readback_columns, reader_columns
 from inercal.runfile import Run, read
+from inercal.runfile.priors import describe_readout
 
 _DIGITS = 9  # significant digits of numbers in a text file
 _LARGEST_EXACT = 1e22  # larger powers of ten are not exact
 TEMPERATURE_DECIMALS = 6
 SIGNIFICANT = "%.9g"
+_AS_NAMED = "each column for its own axis"
 _UNSURE = 1e-6  # of the last digit
 
 
@@ -53,6 +55,18 @@ def require_same_corrections(
         file=run.path,
         key="[data] corrections",
     )
+
+
+def crossed_column_findings(calibration: Calibration, run: Run) -> tuple[Finding, ...]:
+    """Return a warning if the order or the signs of the columns differ from the calibration's."""
+    here, there = crossed_columns(run), calibration.conditions.get(CROSSED_COLUMNS, "")
+    if here == there:
+        return ()
+    text = (
+        f"judged by the names of the columns, [data] takes {here or _AS_NAMED}, but the run of the "
+        f"calibration took {there or _AS_NAMED}: check the order and the signs of the columns"
+    )
+    return (Finding("warning", "axes", text),)
 
 
 def rate_limits(calibration: Calibration) -> tuple[float, float] | None:
@@ -117,16 +131,17 @@ def require_same_readout(calibration: Calibration, run: Run) -> None:
             file=run.path,
             key="[data] kind",
         )
-    stated = {axis.name: axis.readout for axis in run.whole_sensor.axes}
+    stated = {axis.name: axis for axis in run.whole_sensor.axes}
     for axis in calibration.sensor.axes:
-        here = stated.get(axis.name, axis.readout)
-        if here.unit == axis.readout.unit and not np.allclose(
-            [here.scale, here.offset], [axis.readout.scale, axis.readout.offset]
-        ):
+        here = stated.get(axis.name, axis)
+        mine, theirs = here.readout, axis.readout
+        same = np.isclose([mine.scale, mine.offset], [theirs.scale, theirs.offset])
+        if mine.unit == theirs.unit and not same.all():
+            section = QUANTITIES[axis.measures].sensor
             raise InputError(
-                f"{run.path}: {axis.name} has scale {here.scale:.6g} and offset {here.offset:g} "
-                f"{here.unit} per SI unit; the calibration is for {axis.readout.scale:.6g} and "
-                f"{axis.readout.offset:g}; state these in [sensor]",
+                f"{run.path}: {'only the offset' if same[0] else 'the scale'} of {axis.name} "
+                f"differs: scale and offset are {describe_readout(here)} here, and "
+                f"{describe_readout(axis)} in the calibration; state that in [sensor.{section}]",
                 file=run.path,
                 names=(axis.name,),
             )
@@ -192,7 +207,12 @@ def apply(
     kinds = dict.fromkeys(sensed.measures)
     return replace(
         recording,
-        findings=(*recording.findings, *warmer, *beyond),
+        findings=(
+            *crossed_column_findings(calibration, run),
+            *recording.findings,
+            *warmer,
+            *beyond,
+        ),
         data=np.concatenate([getattr(motion, kind) for kind in kinds], axis=-1),
         channels=sensed.names,
         units=tuple(QUANTITIES[kind].unit for kind in sensed.measures),

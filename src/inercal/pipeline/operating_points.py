@@ -41,8 +41,8 @@ Points: TypeAlias = dict[str, Array]
 def points_from_texts(texts: Sequence[str], calibration: Calibration) -> Points:
     """Return one point for each text.
 
-    Three numbers are components in the frame of the calibration; those of m may share
-    the unit of the last, as in "m = 20, 5, -40 µT". If a sensor has fewer than three
+    Three numbers are components in the frame of the calibration; they may share the
+    unit of the last, as in "m = 20, 5, -40 µT". If a sensor has fewer than three
     axes of a kind, one number for each axis, along its input axis, is also accepted.
 
     Raises
@@ -70,7 +70,7 @@ def _point(text: str, calibration: Calibration) -> dict[str, Any]:
                 names=(kind,),
             )
         words = [word.strip() for word in value.split(",")]
-        if kind == "m" and (shared := _SHARED_UNIT.fullmatch(value)):
+        if kind != "T" and (shared := _SHARED_UNIT.fullmatch(value)):
             words = [f"{word} {shared[1]}" for word in words[:-1]] + words[-1:]
         numbers = [_number(word, kind, f"--at {kind}") for word in words]
         found[kind] = numbers[0] if kind == "T" else _vector(numbers, kind, calibration)

@@ -1,13 +1,13 @@
 """Calibrate a run that was read and checked; the architecture page shows the same stations."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
 from inercal.basics.errors import InercalError, InputError, NotObserved, error_location
-from inercal.basics.units import ZERO_CELSIUS
+from inercal.basics.units import ZERO_CELSIUS, format_duration
 from inercal.benches import Bench
 from inercal.calibration import Calibration
 from inercal.calibration.best_cause import also as also_change
@@ -52,6 +52,8 @@ from inercal.recordings.data import EstimatorInput
 from inercal.recordings.io.mean_tables import check_repeated_rows
 from inercal.recordings.io.rest_norm import check_zero_rates
 from inercal.runfile import Run
+
+_PART = 0.05  # of a section; a smaller part that is not used is not remarked
 
 if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.norm_equations import Generation, SearchHistory
@@ -174,6 +176,7 @@ def _fitted(
             *remarks.notes,
             *(f"The {what} is {text}." for what, text in of_type.items()),
             *inputs.notes,
+            *section_notes(inputs),
             *observations.notes,
             *estimate.notes,
             *(() if thermal is None else thermal.notes),
@@ -208,6 +211,31 @@ def _fitted(
         remarks,
         tuple(generations),
     )
+
+
+def section_notes(inputs: EstimatorInput) -> Iterator[str]:
+    """Yield a note for each section that lost samples, or of which a part was not used."""
+    if (recording := inputs.recording) is None:
+        return
+    before, after = recording.gaps.T
+    lost = recording.time[after] - recording.time[before]
+    for mark in inputs.marks:
+        missing = float(lost[(before >= mark.start) & (after < mark.stop)].sum())
+        span = recording.span(mark.start, mark.stop)
+        if missing > _PART * span:
+            yield (
+                f"Samples were lost for {format_duration(missing)} of the "
+                f"{format_duration(span)} of section {mark.label}."
+            )
+    if (rests := inputs.rests) is None:
+        return
+    for k, (start, stop) in rests.other_parts:
+        mark = rests.marks[k]
+        if stop - start > _PART * (mark.stop - mark.start):
+            yield (
+                f"Only {mark.stop - mark.start} samples of rest {mark.label} are used, because the "
+                f"readings change within it; {stop - start} samples are left out."
+            )
 
 
 def _advisor(fitted: FittedRun) -> RunAdvisor:

@@ -162,7 +162,7 @@ def _build_run(
     stated = method_section.stated_plan_keys(schema.method)
     plan = kind.plan(stated, bench, path.parent, method_section.nominal_plan(chosen, schema.method))
     turns = () if chosen.unknown_attitudes or Turn not in kind.steps else chosen.plan()
-    section_checks.require_used_keys(schema, chosen, turns, used.keys)
+    section_checks.require_used_keys(schema, chosen, turns, used.keys, path.parent)
     chosen.estimator(schema.method.estimator)
     estimator = schema.method.estimator or next(iter(chosen.estimators))
     method_section.require_frame(schema.sensor.frame, chosen, estimator)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from math import isclose, pi
+from math import isclose
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,9 +10,11 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
+from inercal.basics.units import si_factor
 from inercal.estimation import Gaussian
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.section_settings import key_error
-from inercal.physics.sensors import G0, Axis, Readout, Sensor
+from inercal.physics.sensors import Axis, Readout, Sensor
 from inercal.runfile.schema import MethodSection
 from inercal.runfile.sensor_builder import coefficient_value
 
@@ -262,6 +264,6 @@ def has_same_readout(axis: Axis, other: Axis) -> bool:
 
 def describe_readout(axis: Axis) -> str:
     """Describe nominal scale and offset of an axis, such as "3 V/g and 0"."""
-    size, per = (G0, "g") if axis.measures == "f" else (pi / 180, "(°/s)")
-    readout = axis.readout
-    return f"{readout.scale * size:.6g} {readout.unit}/{per} and {readout.offset:g}"
+    unit, readout = QUANTITIES[axis.measures].reading_unit, axis.readout
+    per = f"({unit})" if "/" in unit else unit
+    return f"{readout.scale * si_factor(unit):.6g} {readout.unit}/{per} and {readout.offset:g}"

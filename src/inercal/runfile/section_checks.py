@@ -29,6 +29,7 @@ from inercal.physics.section_settings import (
 )
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding
+from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.temperature import COUNTS
 from inercal.runfile.job import JobSection
 from inercal.runfile.schema import (
@@ -49,7 +50,8 @@ def require_used_keys(
     schema: RunSchema,
     chosen: Method[Any, Any],
     steps: Sequence[Step],
-    qualified: Sequence[str] = (),
+    qualified: Sequence[str],
+    folder: Path,
 ) -> None:
     """Raise an error for keys of [bench], [data] and [sensor] that have no effect.
 
@@ -62,6 +64,8 @@ def require_used_keys(
     qualified : sequence of str
         Keys of [bench] that come from a qualification. They are not checked, because a
         qualification is used with several methods.
+    folder : Path
+        Folder of the run file.
 
     Raises
     ------
@@ -77,6 +81,7 @@ def require_used_keys(
         means=schema.data.kind == "means",
         rest=chosen.follows_rest,
         angles=not chosen.without_angles,
+        one_file=schema.data.kind == "recording" and not is_pattern(folder / schema.data.file),
         qualified=tuple(qualified),
     )
     stated = schema.bench.gravity is not None or schema.bench.latitude is not None

@@ -104,6 +104,10 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
             key=f"{key} scale",
         )
     else:
+        own = section.scale.partition(" ")[2].partition("/")[0]
+        if output_unit(own) not in (None, output):
+            text = f"is in {own}, but unit is {section.unit}; state both in the same unit"
+            raise key_error(f"{key} scale", f"{section.scale!r} {text}")
         scale = si_value(section.scale, f"{output}/({quantity})", f"{key} scale")
         scale /= si_factor(section.unit, output)
     if scale == 0:

@@ -59,7 +59,7 @@ def stated_specification(
     try:
         rule = DecisionRule(section.rule, section.factor)
     except InputError as error:
-        raise key_error("[specification] factor", str(error).partition(": ")[2]) from None
+        raise key_error("[specification] factor", str(error).removeprefix("factor ")) from None
     owners = _owners(section.limits, sensor)
     limits = {name: owners[name][1] for name in sensor.coefficients if name in owners}
     return Specification(

@@ -12,6 +12,7 @@ from inercal.calibration.validity import Validity
 from inercal.host.correction.outputs import csv_format
 from inercal.host.correction.text_rows import TextRows
 from inercal.pipeline import apply
+from inercal.pipeline.calibration_record import CROSSED_COLUMNS, crossed_columns
 from inercal.pipeline.correction import as_written, significant
 from inercal.pipeline.live_correction import CorrectedBlock, LiveCorrector, SampleFlag
 from inercal.runfile import read
@@ -138,3 +139,45 @@ def test_columns_of_two_files_are_refused(tmp_path: Path):
     run = run_of(tmp_path, NUMBERED + '\ngyro_file = "gyro.csv"')
     with refused(key="[data] accelerometer"):
         TextRows(run, "test")
+
+
+@pytest.mark.parametrize(
+    ("columns", "made_with", "told"),
+    [
+        ('["gy", "gx", "gz"]', "", True),
+        ('["-gx", "gy", "gz"]', "", True),
+        ('["-gx", "gy", "gz"]', "gx = -gx", False),
+        ('["gx", "gy", "gz"]', "gx = -gx", True),
+        ('["gx", "gy", "gz"]', "", False),
+    ],
+)
+def test_columns_in_another_order_than_for_the_calibration_are_reported(
+    columns: str, made_with: str, told: bool, tmp_path: Path
+):
+    data = NAMED.replace('["gx", "gy", "gz"]', columns).replace("-ay", "ay")
+    run = run_of(tmp_path, data)
+    (tmp_path / "samples.csv").write_text(HEADER + "\n" + "".join(lines(20, 8)), encoding="utf-8")
+    conditions = {CROSSED_COLUMNS: made_with} if made_with else {}
+    calibration = replace(calibration_of(run), conditions=conditions)
+    found = [one.what for one in apply(calibration, run).findings if one.severity == "warning"]
+    assert ("axes" in found) == told
+    if made_with and not told:
+        assert crossed_columns(run) == made_with
+
+
+@pytest.mark.parametrize(
+    ("readout", "differs"),
+    [({"offset": 3.0}, "1 g/g and 3"), ({"scale": 0.2}, "1 g/g and 0")],
+)
+def test_another_readout_than_that_of_the_calibration_is_refused(
+    readout: dict[str, float], differs: str, tmp_path: Path
+):
+    run = run_of(tmp_path)
+    made = calibration_of(run)
+    axis = made.sensor.axes[0]
+    other = replace(axis, readout=replace(axis.readout, **readout))
+    sensor = replace(made.sensor, axes=(other, *made.sensor.axes[1:]))
+    with refused(names=("ax",)) as refusal:
+        apply(replace(made, sensor=sensor), run)
+    assert differs in str(refusal.value)
+    assert ("offset" in readout) == ("only" in str(refusal.value))

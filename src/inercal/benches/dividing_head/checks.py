@@ -8,7 +8,13 @@ import numpy as np
 from inercal.basics.units import format_quantity
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import bench_covariance
-from inercal.benches.dividing_head.passes import first_visit_rows, pass_numbers, rows_without_series
+from inercal.benches.dividing_head.passes import (
+    CARDINAL_ANGLES,
+    first_visit_rows,
+    matches_any_angle,
+    pass_numbers,
+    rows_without_series,
+)
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Index
@@ -27,14 +33,28 @@ _REPEATED = 4  # repeated positions needed to determine the usual difference
 _NORMAL = 1.4826  # standard deviation over median absolute deviation for a normal distribution
 
 
-def require_small_readings(run: RunBase[DividingHeadData], steps: Sequence[Index]) -> None:
-    """Refuse readings beyond the range of a level or autocollimator, because their unit is wrong.
+def require_usable_readings(
+    run: RunBase[DividingHeadData], bench: DividingHead, steps: Sequence[Index]
+) -> None:
+    """Refuse readings that [bench] ignores, or whose unit is wrong.
+
+    Readings beyond the range of a level or an autocollimator have the wrong unit.
 
     Raises
     ------
     InputError
-        A reading is out of range.
+        A reading is ignored or out of range.
     """
+    read = [step.angle for step in steps if step.reading]
+    if bench.collimated == "none" and read:
+        mode = "pairs" if all(matches_any_angle(a, CARDINAL_ANGLES) for a in read) else "every"
+        raise key_error(
+            "[bench] autocollimation",
+            f'is "none", but {run.data.autocollimator} has readings at {len(read)} of {len(steps)} '
+            f'positions; state "{mode}", or remove [data] autocollimator if they are not to be '
+            "used",
+            run.path,
+        )
     for key, name in (("level", "level"), ("autocollimator", "reading")):
         values = [getattr(step, name) for step in steps]
         worst = max(range(len(values)), key=lambda k: abs(values[k]))
@@ -84,7 +104,7 @@ def require_phases(
         raise key_error(
             key,
             f"{given[k]} reads most at {most[k]:.0f}°, but must read most at {wanted[k]:.0f}°; "
-            "reverse the sign of the head's angle, or correct the mounting",
+            "correct the sign of the head's angle, or the mounting" + run.sensor.negative_scales,
             run.path,
             (given[k],),
         )

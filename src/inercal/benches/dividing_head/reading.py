@@ -18,7 +18,7 @@ from inercal.benches.dividing_head.characteristics import head_characteristics
 from inercal.benches.dividing_head.checks import (
     repeat_visit_warnings,
     require_phases,
-    require_small_readings,
+    require_usable_readings,
 )
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.physics.plan import Index
@@ -49,7 +49,7 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     recording_loader.require_distinct_columns(run)
     result = _table(run, bench) if run.data.kind == "means" else _recording(run)
     steps = [step for step in result.steps if isinstance(step, Index)]
-    require_small_readings(run, steps)
+    require_usable_readings(run, bench, steps)
     stated = run.data.warm_up_band
     band = None if stated is None else positive_value(stated, "g", "[data] warm_up_band")
     found = head_characteristics(result.observations, run.sensor, bench, steps, band)
@@ -148,7 +148,8 @@ def _recording(run: RunBase[DividingHeadData]) -> EstimatorInput:
     recording, units = recording_loader.load_recording(run), recording_loader.readback_units(run)
     readback = {name: values * units[name] for name, values in recording.readback.items()}
     found = run.data.marks == "found"
-    marks = find_rests(recording, run.sensor).marks if found else stated_marks(run, recording)
+    rests = find_rests(recording, run.sensor) if found else None
+    marks = stated_marks(run, recording) if rests is None else rests.marks
     check_marks(marks, recording, [mark.label for mark in marks])
     starts = [mark.start for mark in marks]
     _require_unit(run, recording.readback["angle"][starts])
@@ -163,7 +164,8 @@ def _recording(run: RunBase[DividingHeadData]) -> EstimatorInput:
     marks = tuple(replace(m, label=step.label) for m, step in zip(marks, steps, strict=True))
     observations = average_sections(recording, run.sensor, marks, steps, found=True)
     findings = recording.findings + moving
-    return EstimatorInput(recording, marks, observations, steps, steps, findings)
+    rests = None if rests is None else replace(rests, marks=marks)
+    return EstimatorInput(recording, marks, observations, steps, steps, findings, rests=rests)
 
 
 def _mean_angle(recording: Recording, mark: Mark, angle: Array) -> float:

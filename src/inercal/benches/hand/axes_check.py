@@ -59,7 +59,7 @@ def check_axes(
     changes = ", or if ".join(_with_columns(one, run) for one in found.changes)
     text = (
         f"{found.turns} turns between rests do not agree with gravity as recorded; they agree only "
-        f"if {changes}: {_advice(found.changes)}"
+        f"if {changes}: {_advice(found.changes)}{run.sensor.negative_scales}"
     )
     if not (found.unique and found.clear):
         return found, (Finding("warning", "axes", text),)

@@ -35,6 +35,7 @@ from inercal.physics.section_settings import (
     measured_constant,
     optional,
     section_constant,
+    section_deviation,
 )
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording
@@ -216,6 +217,11 @@ class HandSection(BenchSection):
             found["turn_on"] = f"{use.method} assumes one constant bias per gyro"
         elif not use.gyros:
             found["turn_on"] = "the sensor has no gyros"
+        elif use.one_file and section_deviation(self, "turn_on", "°/s"):
+            found["turn_on"] = (
+                "all sections are from one recording, during which the gyros stay switched on; "
+                'name a file for each section, such as file = "*.csv"'
+            )
         if not use.turns:
             words = f"{use.method} uses no turns through a known angle"
             found |= {"turn_angle": words, "turn_tilt": words}

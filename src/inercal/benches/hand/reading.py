@@ -139,7 +139,6 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
         at_rest = [isinstance(step, Hold) for step in steps]
         means = observations.mean[at_rest]
         findings = explain_norm(findings, means, sensor, bench.gravity.value)
-    _require_recordings(run, bench)
     if run.magnetometer is not None:
         ordered = sorted(marks, key=lambda mark: mark.start)
         rests_of = [(rows[m.label], m) for m in ordered if isinstance(steps[rows[m.label]], Hold)]
@@ -147,17 +146,6 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
         findings += odd
     conditions = _conditions(run, bench)
     return EstimatorInput(recording, marks, observations, plan, steps, findings, conditions, rests)
-
-
-def _require_recordings(run: RunBase[RestsSection], bench: Hand) -> None:
-    """Refuse a separate bias per recording if there is only one recording."""
-    if bench.turn_on and run.data.kind == "recording" and not is_pattern(run.file(run.data.file)):
-        raise key_error(
-            "[bench] turn_on",
-            "all sections are from one recording, during which the gyros stay switched on; "
-            'remove turn_on, or name a file for each section, such as file = "*.csv"',
-            run.path,
-        )
 
 
 def audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:

@@ -230,7 +230,7 @@ def output_tables(run: RunBase[RatePlatformData], shown: ReportInput) -> dict[st
     columns: Columns = {
         "gyro": [row.gyro for row in rows],
         "setting": [row.setting for row in rows],
-        "speed, °/s": [float(f"{degrees(row.speed):.9g}") for row in rows],
+        "speed, °/s": [float(f"{degrees(row.speed):.7g}") for row in rows],
         "K": [round(row.scale, 9) for row in rows],
         "K_sd": [float(f"{row.scale_sd:.3g}") for row in rows],
         "even, °/h": [round(value, 4) for value in hourly[::2]],

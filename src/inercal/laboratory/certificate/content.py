@@ -64,8 +64,8 @@ _RANGES = {"force": "m/s²", "rate": "rad/s", "temperature": "°C"}
 
 def certificate_marks(
     laboratory: LaboratoryFile, results: tuple[ResultSet, ...], measured: date, *, draft: bool
-) -> tuple[str, ...]:
-    """Return the marks of a certificate as keys of [mark] in the table of texts.
+) -> dict[str, str]:
+    """Return the marks of a certificate, keys of [mark] in the table of texts, with their reasons.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def certificate_marks(
         If the laboratory's policy refuses the certificate. A draft is not refused but marked.
     """
     policy = laboratory.policy
-    marks: list[str] = ["draft"] if draft else []
+    marks = {"draft": ""} if draft else {}
 
     def add(mark: str, action: Action, reason: str, key: str) -> None:
         if action == "refuse" and not draft:
@@ -91,8 +91,7 @@ def certificate_marks(
                 '"refuse")',
                 key=f"[policy] {key}",
             )
-        if mark not in marks:
-            marks.append(mark)
+        marks.setdefault(mark, reason)
 
     for one in results:
         calibration = one.calibration
@@ -109,23 +108,21 @@ def certificate_marks(
             state = calibration.conditions.get(CHECK_STANDARD, "")
             reason = f"the check standard makes the calibration of {name} doubtful ({state})"
             add("check_standard", policy.check_standard, reason, "check_standard")
-        if outside := _outside(laboratory, one):
-            reason = f"{name} is outside the laboratory's stated capability: {outside}"
+        if outside := outside_capability(laboratory, one):
+            reason = f"the laboratory states no capability for {', '.join(outside)} of {name}"
             add("outside_capability", policy.outside_capability, reason, "outside_capability")
     for instrument in laboratory.instrument:
         if instrument.is_overdue(measured):
             reason = f"the calibration of instrument {instrument.name} was due on {instrument.due}"
             add("overdue", policy.overdue, reason, "overdue")
-    return tuple(marks)
+    return marks
 
 
-def _outside(laboratory: LaboratoryFile, results: ResultSet) -> str:
-    """Describe the results that are outside the stated capability; empty if there are none."""
+def outside_capability(laboratory: LaboratoryFile, results: ResultSet) -> tuple[str, ...]:
+    """Return the coefficients and ranges that are outside the stated capability, in words."""
     if laboratory.capability is None:
-        return ""
-    parts = list(names_of(results.rows))
-    parts += _outside_ranges(laboratory, results.calibration)
-    return ", ".join(parts)
+        return ()
+    return (*names_of(results.rows), *_outside_ranges(laboratory, results.calibration))
 
 
 def _outside_ranges(laboratory: LaboratoryFile, calibration: Calibration) -> list[str]:
@@ -186,8 +183,8 @@ class Certificate:
         One set of results, or two: before and after adjustment.
     conformity : Conformity or None
         Conformity, judged with the last set of results.
-    marks : tuple of str
-        Marks of the certificate, as keys of [mark] in the table of texts.
+    marks : dict of str to str
+        Reason for each mark of the certificate; see `certificate_marks`.
     change : CertificateChange
     """
 
@@ -198,7 +195,7 @@ class Certificate:
     job: JobSection
     results: tuple[ResultSet, ...]
     conformity: Conformity | None
-    marks: tuple[str, ...]
+    marks: dict[str, str]
     change: CertificateChange
 
     @property

@@ -19,6 +19,7 @@ from inercal.calibration.files import parse
 from inercal.laboratory.certificate.dcc_elements import DCC_NAMESPACE, SI_NAMESPACE, etree
 
 _NAMES = {"dcc": DCC_NAMESPACE, "si": SI_NAMESPACE}
+_COEFFICIENTS = "inercal_coefficients"  # type of the quantity with the rounded results
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +52,15 @@ class StatedResults:
 
 @dataclass(frozen=True, eq=False)
 class StatedCertificate:
-    """The number and the results that a DCC states."""
+    """The number and the measurement results that a DCC states, as XML elements."""
 
     number: str
-    results: tuple[StatedResults, ...]
+    measurements: tuple[Any, ...]
+
+    @property
+    def results(self) -> tuple[StatedResults, ...]:
+        """The results; an `InputError` is raised as by `read_results`."""
+        return tuple(map(read_results, self.measurements))
 
 
 def read_dcc(document: bytes, source: str = "DCC") -> StatedCertificate:
@@ -63,25 +69,35 @@ def read_dcc(document: bytes, source: str = "DCC") -> StatedCertificate:
     Raises
     ------
     InputError
-        If the document is not XML or not a DCC, or does not contain the results that inercal
-        writes.
+        If the document is not XML or not a DCC, or contains no results from inercal.
     """
-    parser = etree.XMLParser(resolve_entities=False, no_network=True)
     try:
-        root = etree.fromstring(document, parser)
+        root = etree.fromstring(document, _parser())
         number = _text(root, ".//dcc:coreData/dcc:uniqueIdentifier")
-        results = tuple(_results(one) for one in root.iterfind(".//dcc:measurementResult", _NAMES))
-    except InputError:
-        raise
-    except (etree.XMLSyntaxError, AttributeError, ValueError, KeyError) as error:
+        _quantity(root, _COEFFICIENTS)
+    except (etree.XMLSyntaxError, AttributeError, ValueError) as error:
         raise InputError(
             f"{source} is not a DCC written by inercal: {error}", file=source
         ) from None
-    return StatedCertificate(number, results)
+    return StatedCertificate(number, tuple(root.iterfind(".//dcc:measurementResult", _NAMES)))
+
+
+def read_results(measurement: Any) -> StatedResults:
+    """Read the results of one measurement of a DCC.
+
+    Raises
+    ------
+    InputError
+        If a number, the covariance or the attached calibration file is missing or damaged.
+    """
+    try:
+        return _results(measurement)
+    except (AttributeError, ValueError, KeyError) as error:
+        raise InputError(f"the results are incomplete or damaged: {error}") from None
 
 
 def _results(measurement: Any) -> StatedResults:
-    rounded = _quantity(measurement, "inercal_coefficients")
+    rounded = _quantity(measurement, _COEFFICIENTS)
     full = _quantity(measurement, "inercal_covariance")
     columns = full.findall(".//si:column", _NAMES)
     cells = [column.findall("si:covariance", _NAMES) for column in columns]

@@ -10,7 +10,7 @@ from inercal.calibration import Calibration
 from inercal.calibration.explanation import UNCERTAINTIES, customer_lines, customer_sections
 from inercal.calibration.specification import probability_text
 from inercal.estimation.uncertainty import COVERAGE_PROBABILITY
-from inercal.laboratory.certificate.content import Certificate, Texts
+from inercal.laboratory.certificate.content import Certificate, Texts, outside_capability
 from inercal.laboratory.certificate.results import ResultSet, acceptance_risk, names_of
 from inercal.physics.sensors.coefficient_tables import G0
 
@@ -110,10 +110,13 @@ def uncertainty_lines(certificate: Certificate) -> tuple[str, ...]:
         first = texts.text("uncertainty_normal", **fields)
     else:
         first = texts.text("uncertainty_student", dof=f"{results.dof:.3g}", **fields)
-    raised = [name for one in certificate.results for name in names_of(one.rows, raised=True)]
     lines = [first, texts.text("uncertainty_covariance")]
-    if raised:
-        lines.append(texts.text("raised", names=", ".join(dict.fromkeys(raised))))
+    for key, found in (
+        ("raised", [names_of(one.rows, raised=True) for one in certificate.results]),
+        ("outside", [outside_capability(certificate.laboratory, r) for r in certificate.results]),
+    ):
+        if names := dict.fromkeys(chain.from_iterable(found)):
+            lines.append(texts.text(key, names=", ".join(names)))
     return tuple(lines)
 
 

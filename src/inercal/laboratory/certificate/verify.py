@@ -19,8 +19,8 @@ from inercal.laboratory.certificate.dcc_elements import etree, list_label, signa
 from inercal.laboratory.certificate.dcc_reading import (
     SIGNATURE_NAMESPACE,
     StatedCertificate,
-    StatedResults,
     read_dcc,
+    read_results,
     schema_defects,
 )
 from inercal.laboratory.store import Register
@@ -108,7 +108,7 @@ def verify(
     of_dcc = _dcc_signature(document, trusted)
     # A DCC with a valid signature could also be attached to forged pages.
     checks.append(replace(of_dcc, vouches=False) if is_pdf else of_dcc)
-    checks += [_agreement(one, k) for k, one in enumerate(stated.results, start=1)]
+    checks += [_agreement(one, k) for k, one in enumerate(stated.measurements, start=1)]
     if schema is not None:
         defects = schema_defects(document, schema)
         checks.append(Check("schema", not defects, defects[0] if defects else "valid"))
@@ -240,9 +240,13 @@ def _leads_to(own: bytes, chain: Sequence[bytes], trusted: bytes) -> bool:
     return True
 
 
-def _agreement(stated: StatedResults, number: int) -> Check:
+def _agreement(measurement: Any, number: int) -> Check:
     """Check that the rounded numbers, the covariance and the attached calibration file agree."""
     name = f"results {number}"
+    try:
+        stated = read_results(measurement)
+    except InputError as error:
+        return Check(name, False, str(error))
     calibration = stated.calibration
     names = tuple(map(list_label, calibration.sensor.coefficients))
     if stated.names != names or not np.array_equal(stated.full_value, calibration.values):

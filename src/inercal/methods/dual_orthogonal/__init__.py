@@ -314,6 +314,7 @@ METHOD = Method(
     also={"f": ("temperature",)},
     needs=("f",),
     plan=dividing_head_problem.plan,
+    remarks=dividing_head_problem.remarks,
     estimators={"joint": joint, "patent": patent, "dual": dual, "single": single},
     closed_formulas=("patent", "dual"),
     weighs_common_errors=True,

@@ -16,7 +16,7 @@ from inercal.basics.arrays import Array, row_products
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.physics.motion import Motion
-from inercal.physics.quantities import KINDS, Measures
+from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors.axis import Axis, SensedMotion, motion_width, sensed_motion
 from inercal.physics.sensors.axis_model import MOTION_COMPONENTS, AxisResponse, Form, SimilarAxes
 from inercal.physics.sensors.coefficient_selection import select_coefficients
@@ -144,6 +144,12 @@ class Sensor:
     def sensed(self) -> SensedMotion:
         """The components of the motion that the axes measure."""
         return sensed_motion(self.axes)
+
+    @property
+    def negative_scales(self) -> str:
+        """The sections with a negative scale, as a further suspect at the end of a message."""
+        kinds = dict.fromkeys(axis.measures for axis in self.axes if axis.readout.scale < 0)
+        return "".join(f", or the negative scale in [sensor.{QUANTITIES[k].sensor}]" for k in kinds)
 
     def rounded(self, rate_hz: float) -> "Sensor":
         """Return a copy of the sensor whose white noise includes the rounding of the samples."""

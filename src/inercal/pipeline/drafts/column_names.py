@@ -10,6 +10,11 @@ ROS ("field.angular_velocity.x"), EuRoC ("w_RS_S_x [rad s^-1]"), Physics Toolbox
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from math import isclose
+
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
 
 _AXES = ("x", "y", "z")
 _AXIS_ENDS = {"x": 0, "y": 1, "z": 2, "0": 0, "1": 1, "2": 2}
@@ -64,7 +69,7 @@ _UNITS = (  # units in a column's name, as text or in brackets, with their kind
     (re.compile(r"\bm(dps|(deg|°)/?s)\b|_mdps\b"), "m°/s"),
     (re.compile(r"(deg|°)_?/?s\b|dps\b|_deg\b|(deg|°)\W?s(\^?-1|⁻¹)"), "°/s"),
     (re.compile(r"lsb|counts?|raw"), "LSB"),
-    (re.compile(r"\[v\]|\(v\)|_volts?\b"), "V"),
+    (re.compile(r"_volts?\b"), "V"),
 )
 _KINDS: Mapping[str, str] = {
     "m/s²": "accelerometer",
@@ -76,6 +81,8 @@ _KINDS: Mapping[str, str] = {
     "m°/s": "gyro",
     "mrad/s": "gyro",
 }
+_BRACKETS = re.compile(r"[\[(](.+?)[\])](?![\])])")
+_READING_UNITS = ("m/s²", "rad/s", "V", "A", "LSB")
 _UNIT_WORDS = r"m_s_?2|mps2|ms2|mg|g|rad(_?s)?|deg(_?s)?|m?dps|raw|lsb|counts?"
 _UNIT_END = re.compile(rf"_({_UNIT_WORDS})$")
 _STATE = re.compile(r"_(cal|calibrated|corrected|filt|filtered)$")  # how readings were processed
@@ -88,8 +95,31 @@ _TIME_UNITS = (
 
 
 def column_unit(name: str) -> str | None:
-    """Return the unit that a column's name states, if any."""
+    """Return the unit that a column's name states, if any.
+
+    >>> column_unit("a [mV]"), column_unit("Gyr_X (deg/s)"), column_unit("a_x_raw")
+    ('mV', '°/s', 'LSB')
+    """
+    if (stated := bracketed_unit(name, *_READING_UNITS)) is not None:
+        same = (unit for unit in (*_KINDS, "LSB") if _same_size(unit, stated))
+        return next(same, stated)
     return next((unit for pattern, unit in _UNITS if pattern.search(name.lower())), None)
+
+
+def _same_size(unit: str, stated: str) -> bool:
+    with suppress(InputError):
+        return isclose(si_factor(unit), si_factor(stated, unit))
+    return False
+
+
+def bracketed_unit(name: str, *likes: str) -> str | None:
+    """Return the unit in brackets in a column's name that has the dimension of one of `likes`."""
+    for text in _BRACKETS.findall(name):
+        for like in likes:
+            with suppress(InputError):
+                si_factor(text, like)
+                return text
+    return None
 
 
 def time_unit(name: str) -> str | None:

@@ -12,6 +12,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.pipeline.drafts.column_names import (
+    column_unit,
     has_axes,
     in_axis_order,
     is_other_quantity,
@@ -192,6 +193,9 @@ def recognise_columns(
         if len(own) == len("xyz") and table.rows >= _FEWEST_POSES:
             triads["accelerometer"] = in_axis_order(own)
             reasons["accelerometer"] = "the three remaining columns"
+    for kind, columns in triads.items():
+        if table.header and columns and (unit := column_unit(columns[0])) is not None:
+            units.setdefault(kind, unit)
     if "label" not in stated:
         by_name = [single.pop("label")] if "label" in single else []
         others = [name for name in texts if name not in {*by_name, *single.values()}]

@@ -23,7 +23,7 @@ from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
 from inercal.pipeline.drafts.draft_entries import ANYWHERE, UNKNOWN, DraftKey
 from inercal.pipeline.drafts.method_trials import RAMP
 from inercal.pipeline.drafts.quiet_sections import QuietMeans, find_quiet_sections, rest_means
-from inercal.pipeline.drafts.rate_tables import rate_unit
+from inercal.pipeline.drafts.rate_tables import angle_unit_key, collimation_key, rate_unit
 from inercal.pipeline.drafts.readouts import (
     GuessedReadout,
     far_off,
@@ -261,7 +261,9 @@ def data_keys(
         entries.append(DraftKey("data", "table_file", file(Path(roles.table_file))))
     if roles.table:
         entries.append(DraftKey("data", "table", list(roles.table), "by their names"))
+        entries += angle_unit_key("table_unit", roles.table[0])
     if roles.attitude and roles.means:
+        entries += angle_unit_key("attitude_unit", roles.attitude[0])
         entries.append(DraftKey("data", "attitude", list(roles.attitude), "by their names"))
     wanted = {
         "centrifuge": ("arm_rate", "label", "temperature"),
@@ -275,6 +277,10 @@ def data_keys(
         if role in roles.single:
             name = roles.single[role]
             entries.append(DraftKey("data", role, run_file_column(name), roles.reasons[role]))
+            if role in ("angle", "autocollimator", "level", "roll"):
+                entries += angle_unit_key(f"{role}_unit".replace("roll", "angle"), name)
+            if role == "autocollimator":
+                entries += collimation_key(table, roles)
             if role == "table_rate":
                 entries.append(DraftKey("data", "table_rate_unit", *rate_unit(table, roles)))
             if role == "arm_rate" and (unit := roles.units["arm_rate"]) != "rpm":

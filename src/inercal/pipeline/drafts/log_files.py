@@ -34,7 +34,7 @@ from inercal.pipeline.drafts.column_values import (
 )
 from inercal.pipeline.drafts.draft_entries import DraftKey
 from inercal.pipeline.drafts.file_parts import join_parts
-from inercal.pipeline.drafts.rest_recording import sign_columns
+from inercal.pipeline.drafts.rest_recording import read_log_table, sign_columns
 from inercal.pipeline.drafts.stated_keys import stated_columns, stated_options, stated_triad
 from inercal.recordings.data.rest_marks import marks_from_file
 from inercal.recordings.io.column_table import Table
@@ -49,7 +49,6 @@ MARKS_FILE = "marks.json"
 _OTHER_SENSORS = re.compile(
     r"(\w*_)?(magneto\w*|magnet(ic)?|mag|compass|orientation|gravity|location|gps)(_\w*)?"
 )  # names of files
-_MOST_TEXTS = 4  # columns of text
 _SAME_TIME = 0.25  # of a step
 
 
@@ -307,18 +306,6 @@ def _with_own_clock(
 
 
 def _read(log: Path, values: Mapping[str, Any]) -> tuple[Table, tuple[DraftKey, ...]]:
-    """Read a table with signed readings, and return the key of [data] that gives the signs.
-
-    Columns that begin with numbers or empty cells but contain text are text.
-    """
-    options = stated_options(values, log)
-    text: list[str] = []
-    while True:
-        try:
-            table = without_unusable(read_table(log, text=text, options=options))
-            return sign_columns(table, values.get("data.signed_bits"))
-        except InputError as error:
-            column = error.names[0] if error.names else ""
-            if not column or column in text or error.line is None or len(text) == _MOST_TEXTS:
-                raise
-            text.append(column)
+    """Read a table with signed readings, and return the key of [data] that gives the signs."""
+    table = without_unusable(read_log_table(log, stated_options(values, log)))
+    return sign_columns(table, values.get("data.signed_bits"))

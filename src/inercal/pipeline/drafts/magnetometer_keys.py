@@ -16,6 +16,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.units import si_factor
 from inercal.physics.magnetism import TURNS_OF_CUBE, axis_names, unit_of_earth_field
 from inercal.physics.section_settings import measured_constant
+from inercal.physics.sensors import output_unit
 from inercal.pipeline.drafts.column_names import (
     is_other_quantity,
     plain_name,
@@ -25,7 +26,7 @@ from inercal.pipeline.drafts.column_names import (
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
 from inercal.pipeline.drafts.quiet_sections import QuietMeans
-from inercal.pipeline.drafts.readouts import COUNTED_UNITS, norm_misfit, off_sphere
+from inercal.pipeline.drafts.readouts import norm_misfit, off_sphere
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.segments.gravity_turns import sphere
 
@@ -75,7 +76,7 @@ def magnetometer_keys(
     field, force = (_means(table, each, rests) for each in (names, triad))
     centre, radius = sphere(field)
     unit = roles.units.get("magnetometer") or (named_unit(names[0]) if table.header else None)
-    if radius is None and unit in (None, *COUNTED_UNITS):
+    if radius is None and (unit is None or output_unit(unit) is not None):
         return ()
     found = [DraftKey("data", "magnetometer", [run_file_column(n) for n in names], reason)]
     rest = np.mod(table.stack(names), 1)
@@ -114,7 +115,7 @@ def _readout(
     if unit is None and field is None and (counts or reads == "LSB"):
         ask = f"the unit of the magnetometers, such as µT, or LSB for counts ({why})"
         key = replace(key, value=UNKNOWN, ask=ask, typical=reads)
-    if (unit or reads) not in COUNTED_UNITS:
+    if output_unit(unit or reads) is None:
         return [key], si_factor(unit or reads)
     text = f"{1e-6 / size:.4g} {unit or reads}/µT"
     scale = DraftKey(_SECTION, "scale", text, f"{why}, which is taken as {1e6 * strength:.4g} µT")

@@ -1,5 +1,7 @@
 """Draft the keys for means from a rate table, with the axis that is up, the rate, and three gyros.
 
+The keys for angles and an autocollimator of a dividing head are here, too.
+
 The rate is the column to which the gyro of the vertical axis is proportional, whatever its name.
 """
 
@@ -10,7 +12,8 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.units import format_quantity, si_factor
 from inercal.benches.stated_axes import axis_letters
-from inercal.pipeline.drafts.column_names import column_unit, named_triads
+from inercal.physics.sensors import output_unit
+from inercal.pipeline.drafts.column_names import bracketed_unit, column_unit, named_triads
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import ANYWHERE, UNKNOWN, DraftKey
 from inercal.pipeline.drafts.readouts import GuessedReadout, counts_per_degree
@@ -99,6 +102,24 @@ def _shows_accelerometers(
     return len(up) >= _FACES or tilted >= _FACES
 
 
+def angle_unit_key(key: str, column: str) -> tuple[DraftKey, ...]:
+    """Return the key for the unit of angles that the name of a column states."""
+    unit = bracketed_unit(column, "°")
+    return () if unit in (None, "°") else (DraftKey("data", key, unit, "by its name"),)
+
+
+def collimation_key(table: Table, roles: ColumnRoles) -> tuple[DraftKey, ...]:
+    """Return how an autocollimator was used, judged by the positions with a reading."""
+    reading = np.nan_to_num(table.numbers(roles.single["autocollimator"]))
+    if not reading.any():
+        return ()
+    angle = bracketed_unit(roles.single["angle"], "°") or "°"
+    quarters = table.numbers(roles.single["angle"]) * si_factor(angle) / (np.pi / 2)
+    pairs = np.allclose(quarters[reading != 0], np.rint(quarters[reading != 0]), atol=1e-3)
+    reason = "its readings are at " + ("0°, 90°, 180° and 270°" if pairs else "other angles, too")
+    return (DraftKey("bench", "autocollimation", "pairs" if pairs else "every", reason),)
+
+
 def rate_unit(table: Table, roles: ColumnRoles) -> tuple[str, str]:
     """Return the unit of the table's rate, and the reason."""
     name = roles.single["table_rate"]
@@ -129,8 +150,8 @@ def _line(table: Table, roles: ColumnRoles) -> tuple[float, float]:
 def gyro_readout(table: Table, roles: ColumnRoles) -> GuessedReadout:
     """Return the readout of the gyros, which is stated, named, or found from the table's rates."""
     stated = roles.units.get("gyro")
-    if stated not in (None, "LSB", "V"):
-        return GuessedReadout(str(stated), "", 0.0, si_factor(str(stated)), "as stated or named")
+    if stated is not None and output_unit(stated) is None:
+        return GuessedReadout(stated, "", 0.0, si_factor(stated), "as stated or named")
     rate, _ = rate_unit(table, roles)
     slope, at_zero = _line(table, roles)
     slope /= si_factor(rate)

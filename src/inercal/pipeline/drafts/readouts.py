@@ -9,7 +9,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, si_factor
-from inercal.physics.sensors import G0
+from inercal.physics.sensors import G0, output_unit
 from inercal.pipeline.drafts.draft_entries import UNKNOWN
 from inercal.pipeline.drafts.quiet_sections import QuietMeans
 from inercal.recordings.segments.gravity_turns import (
@@ -27,7 +27,6 @@ _GYRO_UNITS = {"rad/s": 1.0, "°/s": np.pi / 180, "m°/s": np.pi / 180e3}
 # If two differ by less than the error of any sensor, the power of two comes first.
 _COUNTS_PER_G = (*(2.0**k for k in range(5, 16)), 1000 / 0.061, 1000 / 0.122, 1000 / 0.244)
 _COUNTS_PER_DEGREE = (131.0, 65.5, 32.8, 16.4, 1 / 0.00875, 1 / 0.0175, 1 / 0.035, 1 / 0.07)
-COUNTED_UNITS = ("LSB", "V", "mA")  # units that need a scale
 _STATED = "stated, or taken from the column names or the format"
 _NO_GRAVITY = 0.08  # g; more than any usual bias, and less than g read as m/s²
 FEWEST_COUNTS = 30.0  # per g
@@ -85,7 +84,7 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     """
     _require_gravity(means.any(), "at rest")
     centre, radius = sphere(means)
-    if stated is not None and stated not in COUNTED_UNITS:
+    if stated is not None and output_unit(stated) is None:
         size = si_factor(stated, "m/s²")
         largest = float(np.linalg.norm(means, axis=-1).max()) * size / G0
         if largest < _NO_GRAVITY:
@@ -194,7 +193,7 @@ def guess_from_turned_axis(force: Array, stated: str | None) -> GuessedReadout:
 
 def _readout_at_gravity(plain: float, reason: str, stated: str | None) -> GuessedReadout:
     """Return the readout of accelerometers that read `plain` at gravity, in the stated unit."""
-    if stated is not None and stated not in COUNTED_UNITS:
+    if stated is not None and output_unit(stated) is None:
         return GuessedReadout(stated, "", 0.0, si_factor(stated, "m/s²"), _STATED)
     if stated is None and (unit := gravity_unit(plain)) is not None:
         return GuessedReadout(unit, "", 0.0, _ACCELEROMETER_UNITS[unit], reason)
@@ -275,7 +274,7 @@ def guess_gyro(
     """
     assert rests.rate is not None
     offset = 0.0 if gyro.min() < 0 else _gyro_offset(rests)  # only unsigned counts have one
-    if stated is not None and stated not in COUNTED_UNITS:
+    if stated is not None and output_unit(stated) is None:
         return GuessedReadout(stated, "", 0.0, si_factor(stated, "rad/s"), _STATED)
     size, count, misfit = gyro_scale(rests, gyro, accelerometer.offset)
     turned = format_count(count, "turn between rests agrees", "turns between rests agree")
@@ -320,7 +319,7 @@ def guess_resting_gyro(stated: str | None) -> GuessedReadout:
     why = "a sensor at rest does not show it; for raw counts use LSB and a sensor.gyro.scale"
     if stated is None:
         return GuessedReadout("°/s", "", 0.0, np.pi / 180, why, certain=False)
-    if stated in COUNTED_UNITS:
+    if output_unit(stated) is not None:
         return GuessedReadout(stated, UNKNOWN, 0.0, np.pi / 180, "only you can state the scale")
     return GuessedReadout(stated, "", 0.0, si_factor(stated, "rad/s"), _STATED)
 

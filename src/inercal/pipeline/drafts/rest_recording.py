@@ -39,6 +39,7 @@ from inercal.recordings.io.isolation import MOST_VALUES_KEY
 from inercal.recordings.io.read import detect_reader, read_recording, read_table
 from inercal.recordings.io.readers import known_options
 from inercal.recordings.io.table_recording import Columns
+from inercal.recordings.io.table_start import may_be_number
 from inercal.recordings.io.wrapped_numbers import are_counts, signed_counts, unsigned_bits
 from inercal.recordings.segments.magnetic_means import new_value_rows
 from inercal.recordings.temperature import first_impossible
@@ -46,6 +47,33 @@ from inercal.runfile.schema import ReadoutSection
 from inercal.runfile.sensor_builder import READING_UNITS, SCALE_EXAMPLES, build_readout
 
 _GROWS = 0.9  # share of the steps of a time or a counter that are positive
+_MOST_TEXTS = 4  # columns of text
+_FEWEST_WORDS = 0.01  # share of the cells of a column that is no damaged column of numbers
+
+
+def read_log_table(log: Path, options: Mapping[str, object] | None = None) -> Table:
+    """Read all columns of a log; columns that begin with numbers but contain words are text.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or if very few cells of a column are not numbers.
+    """
+    texts: dict[str, InputError] = {}
+    while True:
+        try:
+            table = read_table(log, text=tuple(texts), options=options)
+            break
+        except InputError as error:
+            column = error.names[0] if error.names else ""
+            if not column or column in texts or error.line is None or len(texts) == _MOST_TEXTS:
+                raise
+            texts[column] = error
+    for column, error in texts.items():
+        cells = [cell for cell in table.columns[column].tolist() if cell]
+        if sum(not may_be_number(cell) for cell in cells) < _FEWEST_WORDS * len(cells):
+            raise error
+    return table
 
 
 def sign_columns(table: Table, stated: object = None) -> tuple[Table, tuple[DraftKey, ...]]:
@@ -118,7 +146,7 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
         if the audit refuses the recording.
     """
     try:
-        table = read_table(log, options=stated_options(stated_values(stated), log))
+        table = read_log_table(log, stated_options(stated_values(stated), log))
         layout = rest_layout(log, table, stated)
         recording = read_recording(log, layout.columns)
     except InputError as error:

@@ -20,9 +20,9 @@ from inercal.benches.kind_definition import KINDS, Kind
 from inercal.physics.plan import Turn
 from inercal.physics.quantities import SensorKind
 from inercal.physics.section_settings import PLANNING, BenchUsage, key_error
+from inercal.physics.sensors import output_unit
 from inercal.pipeline.drafts.column_names import NAMES
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
-from inercal.pipeline.drafts.readouts import COUNTED_UNITS
 from inercal.recordings.io.column_table import Table, select_columns
 from inercal.recordings.io.read import detect_reader
 from inercal.recordings.io.readers import known_options
@@ -72,7 +72,7 @@ def stated_units(values: Mapping[str, Any]) -> dict[str, str]:
             found[kind] = str(values[key])
         elif scale := values.get(f"sensor.{kind}.scale"):
             found[kind] = str(scale).partition(" ")[2].partition("/")[0]
-        if kind in found and found[kind] not in COUNTED_UNITS:
+        if kind in found and output_unit(found[kind]) is None:
             try:
                 si_factor(found[kind], like)
             except InputError as error:

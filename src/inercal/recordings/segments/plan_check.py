@@ -59,8 +59,8 @@ def marks_from_labels(recording: Recording, *, again: bool = False) -> tuple[Mar
             raise InputError(
                 f"{recording.source}: label {mark.label!r} appears again at "
                 f"{recording.where(mark.start)}, but each label must mark a single unbroken "
-                "section: use a different label there, or leave its cells empty, because samples "
-                "with empty cells belong to no section",
+                f"section: use a different label there, such as '{mark.label} (2)', or leave its "
+                "cells empty, because samples with empty cells belong to no section",
                 file=recording.source or None,
                 line=recording.line(mark.start),
                 names=(mark.label,),
@@ -162,7 +162,7 @@ def check_against_plan(
                 raise InputError(
                     f"section {step.label} should have {describe_direction(step.up)} up, but "
                     f"the accelerometers read {read} g: check for a mark on the wrong section, "
-                    "or for swapped or reversed columns",
+                    f"or for swapped or reversed columns{sensor.negative_scales}",
                     names=(step.label,),
                 )
         elif sensor.rank("w") == _ALL:
@@ -206,7 +206,8 @@ def _check_components(
         raise InputError(
             f"section {steps[holds[k]].label} should read {expected[k, j]:+.2f} g on "
             f"{sensor.channels[forces[j]]}, but reads {read[k, j]:+.2f} g: check for a mark on the "
-            "wrong section, the sign of the column, and [sensor.accelerometer] axis",
+            "wrong section, the sign of the column, and [sensor.accelerometer] axis"
+            + sensor.negative_scales,
             names=(steps[holds[k]].label,),
         )
     return () if finding is None else (finding,)
