@@ -23,10 +23,10 @@ rest differ by more than the 99 % bound of their noise, which another test repor
 within the halves counts, because a step in one rest is not noise of the others.
 """
 
+# pyright: reportMissingTypeStubs=false
+
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
-
-# pyright: reportMissingTypeStubs=false
 
 import numpy as np
 import scipy
