@@ -162,7 +162,8 @@ def check_against_plan(
                 raise InputError(
                     f"section {step.label} should have {describe_direction(step.up)} up, but "
                     f"the accelerometers read {read} g: check for a mark on the wrong section, "
-                    "or for swapped or reversed columns",
+                    "for swapped or reversed columns, or for a wrong sign of scale in "
+                    "[sensor.accelerometer]",
                     names=(step.label,),
                 )
         elif sensor.rank("w") == _ALL:
