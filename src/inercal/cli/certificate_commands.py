@@ -106,11 +106,7 @@ def issue(
     day = _read_date(issued)
     # The modules of the work load after the inputs were checked.
     from inercal.calibration.files import load
-    from inercal.laboratory.certificate.content import (
-        CertificateChange,
-        CertificateInput,
-        make_certificate,
-    )
+    from inercal.laboratory.certificate import content as certificate
     from inercal.laboratory.certificate.issue import IssueOptions, make_files
     from inercal.laboratory.certificate.issue import issue as issue_certificate
     from inercal.laboratory.certificate.job import read_job
@@ -128,7 +124,7 @@ def issue(
     change = "amended" if amends else "substituted" if replaces else ""
     options = IssueOptions(font, schema, key, change, amends or replaces or "", reason or "")
     calibration = load(file)
-    given = CertificateInput(
+    given = certificate.CertificateInput(
         calibration,
         None if as_found is None else load(as_found),
         laboratory,
@@ -160,7 +156,7 @@ def issue(
             f"{number} does not refer; if {number} should not stand beside it, issue a "
             f"certificate with --replaces {number} and --reason"
         )
-    marks = make_certificate(given, number, CertificateChange()).marks
+    marks = certificate.make_certificate(given, number, certificate.CertificateChange()).marks
     for mark, why in marks.items():
         if why:
             console.report_line(f"the pages are marked {Texts('en').word('mark', mark)}: {why}")

@@ -7,7 +7,7 @@ from importlib import import_module
 from math import comb
 from os.path import relpath
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -30,28 +30,6 @@ STATUS_COLUMNS = ("error", "grade", "conformity", "verdict", "coefficients", "st
 """Columns that `table_status` needs in addition to those that decide which result is valid."""
 
 _USED = ("id", "status", "error", "grade", "conformity", "recording", "recording_sha256")
-
-
-class CommonValue(NamedTuple):
-    """A value of a column that all sensors of a kind share, but few of the others.
-
-    Parameters
-    ----------
-    kind : str
-        The sensors: "have no result", "are not to be relied on" or "fail [specification]".
-    sensors : int
-        Number of these sensors.
-    column, value : str
-    among, of : int
-        Number of sensors with this value, and of all sensors.
-    """
-
-    kind: str
-    sensors: int
-    column: str
-    value: str
-    among: int
-    of: int
 
 
 @dataclass(frozen=True)
@@ -81,8 +59,8 @@ class LineStatus:
     large_u : mapping of str to (str, float)
         The coefficient whose U is unusually large and the ratio of this U to the median of the
         line, by sensor id.
-    common : sequence of CommonValue
-        Values of columns that may explain the sensors that need attention.
+    common : sequence of str
+        Sentences on values of columns that may explain the sensors that need attention.
     unlisted : sequence of str
         Files beside the recordings that are not in the table.
     """
@@ -96,7 +74,7 @@ class LineStatus:
     reservations: Mapping[str, str]
     failing: Mapping[str, str]
     large_u: Mapping[str, tuple[str, float]]
-    common: Sequence[CommonValue] = ()
+    common: Sequence[str] = ()
     unlisted: Sequence[str] = ()
 
     def as_object(self) -> dict[str, Any]:
@@ -121,7 +99,7 @@ class LineStatus:
         return {
             "reservations": dict(self.reservations), "failing": dict(self.failing),
             "large_u": large,
-            "common": [one._asdict() for one in self.common], "unlisted": list(self.unlisted),
+            "common": list(self.common), "unlisted": list(self.unlisted),
         }  # fmt: skip
 
     def attention_lines(self) -> list[str]:
@@ -153,11 +131,7 @@ class LineStatus:
             *_first(
                 alike, "recording is used more than once", "recordings are used more than once"
             ),
-            *(
-                f"all {one.sensors} sensors that {one.kind} have {one.column} {one.value}; so do "
-                f"{one.among} of all {one.of} sensors"
-                for one in self.common
-            ),
+            *self.common,
             *([f"not in the table of sensors: {_some(self.unlisted)}"] if self.unlisted else []),
         ]
 
@@ -244,7 +218,7 @@ def table_status(line: Line, table: results.Table) -> LineStatus:
     )  # fmt: skip
 
 
-def _common_values(line: Line, kind: str, named: Collection[str]) -> Iterator[CommonValue]:
+def _common_values(line: Line, kind: str, named: Collection[str]) -> Iterator[str]:
     """Yield the values that all named sensors share, where chance makes this improbable."""
     count, of = len(named), len(line.rows)
     for column in line.columns if count > 1 else ():
@@ -252,7 +226,8 @@ def _common_values(line: Line, kind: str, named: Collection[str]) -> Iterator[Co
         shared = {values[name] for name in named if name in values}
         among = sum(value in shared for value in values.values())
         if len(shared) == 1 and comb(among, count) < _BY_CHANCE * comb(of, count):
-            yield CommonValue(kind, count, column, shared.pop(), among, of)
+            same = f"{column} {shared.pop()}; so do {among} of all {of} sensors"
+            yield f"all {count} sensors that {kind} have {same}"
 
 
 def _unlisted_files(line: Line) -> tuple[str, ...]:

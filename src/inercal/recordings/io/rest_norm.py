@@ -181,9 +181,7 @@ def rate_finding(
     """
     if not rates:
         return None
-    numbers = [
-        f"{degrees(rate):.{'3g' if abs(rate) < 1 else '0f'}}".replace("-", "−") for _, rate in rates
-    ]
+    numbers = [f"{degrees(rate):.0f}".replace("-", "−") for _, rate in rates]
     listed = ", ".join(f"{rates[k][0]} {number} °/s" for k, number in enumerate(numbers))
     if columns and [*columns] != [name for name, _ in rates]:
         listed += f" (column{'s' * (len(columns) > 1)} {', '.join(columns)})"
