@@ -16,9 +16,9 @@ from inercal.calibration.grade import GRADE_WORDS
 from inercal.estimation.uncertainty.conformity import RESULTS
 from inercal.estimation.uncertainty.robust import robust_scale
 from inercal.fleet import results
+from inercal.fleet.inputs import is_address
 from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import RECORDING, Line
-from inercal.fleet.recordings import is_address
 from inercal.recordings.io.file_patterns import is_pattern
 
 _NAMES = 1000  # largest number of sensors listed for a reason
