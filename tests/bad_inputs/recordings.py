@@ -70,10 +70,10 @@ CASES: dict[str, BadInput] = {
         each_row(lambda k, r: ["--- logger restarted ---"] if k == 700 else r), "line 702"
     ),
     "all channels constant": log(
-        each_row(lambda _, r: [r[0], "0", "0", "1", r[4]]), "ax reads 0 throughout"
+        each_row(lambda _, r: [r[0], "0", "0", "1", r[4]]), "ax (column acc_x) reads 0 throughout"
     ),
     "one row": log(lambda text: "\n".join(text.splitlines()[:2]), "one sample"),
-    "integers of 30 digits": log(each_row(lambda _, r: [r[0], "9" * 30, *r[2:]]), "ax reads 1e+30"),
+    "integers of 30 digits": log(each_row(lambda _, r: [r[0], "9" * 30, *r[2:]]), "reads 1e+30"),
     "dates": log(each_row(lambda _, r: ["2026-11-25", *r[1:]]), "'time'", "2026-11-25"),
     "times of the day that fall": log(
         each_row(lambda k, r: [f"10:{59 - k // 60:02d}:{k % 60:02d}", *r[1:]]), "decreases"

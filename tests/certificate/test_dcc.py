@@ -23,7 +23,12 @@ from inercal.laboratory.certificate.content import (
     make_certificate,
 )
 from inercal.laboratory.certificate.dcc import dsi_unit, write_dcc
-from inercal.laboratory.certificate.dcc_reading import read_dcc, schema_defects
+from inercal.laboratory.certificate.dcc_reading import (
+    StatedResults,
+    read_dcc,
+    read_results,
+    schema_defects,
+)
 from inercal.laboratory.certificate.job import read_job
 from inercal.physics.sensors import SI_UNITS, Sensor, imu, triad
 from inercal.physics.sensors.coefficient_tables import TABLES
@@ -45,6 +50,10 @@ def laboratory_file(example: Path) -> LaboratoryFile:
 @pytest.fixture
 def job(example: Path) -> JobSection:
     return read_job(load(example / "run.calibration.json").job)
+
+
+def results_of(document: bytes) -> list[StatedResults]:
+    return [read_results(one) for one in read_dcc(document).measurements]
 
 
 def whole_imu(seed: int = 3) -> Calibration:
@@ -158,7 +167,7 @@ def test_coefficients_u_and_covariance_are_read_back(
     calibration = whole_imu()
     job = job.model_copy(update={"degrees_of_freedom": dof})
     made = certificate(calibration, laboratory_file, job)
-    (found,) = read_dcc(write_dcc(made)).results
+    (found,) = results_of(write_dcc(made))
     assert found.names == calibration.sensor.coefficients
     np.testing.assert_array_equal(found.full_value, calibration.values)
     np.testing.assert_array_equal(found.covariance, calibration.covariance)
@@ -173,7 +182,7 @@ def test_coefficients_u_and_covariance_are_read_back(
 
 def test_pages_and_dcc_state_the_same_numbers(laboratory_file: LaboratoryFile, job: JobSection):
     made = certificate(whole_imu(), laboratory_file, job)
-    (found,) = read_dcc(write_dcc(made)).results
+    (found,) = results_of(write_dcc(made))
     for row, value, expanded in zip(made.results[0].rows, found.value, found.expanded, strict=True):
         # From the SI number, in the printed unit with the printed digits, comes the printed text.
         decimals = len(row.value.partition(".")[2])
@@ -198,7 +207,7 @@ def test_ellipsoid_has_the_coverage_factor_of_all_coefficients(
 def test_units_parse_by_the_package_of_ptb_and_keep_their_dimension(
     laboratory_file: LaboratoryFile, job: JobSection
 ):
-    (found,) = read_dcc(write_dcc(certificate(whole_imu(), laboratory_file, job))).results
+    (found,) = results_of(write_dcc(certificate(whole_imu(), laboratory_file, job)))
     units = {*found.units, *(unit for row in found.covariance_units for unit in row)}
     parsed = {unit: parse_unit(unit) for unit in units}
     for first, row in zip(found.units, found.covariance_units, strict=True):
@@ -231,7 +240,7 @@ def test_results_before_and_after_adjustment_are_two_measurements(
     before = replace(after, values=after.values * 2, conditions={"gravity": "9.81 m/s²"})
     after = replace(after, conditions={"gravity": "9.82 m/s²"})
     document = write_dcc(certificate(after, laboratory_file, job, before))
-    first, second = read_dcc(document).results
+    first, second = results_of(document)
     np.testing.assert_array_equal(first.full_value, before.values)
     np.testing.assert_array_equal(second.full_value, after.values)
     root = etree.fromstring(document)
@@ -270,5 +279,5 @@ def test_a_blank_in_the_name_of_an_axis_parts_no_list(
     names = ("a x.k0", *plain.coefficients[1:])
     sensor = replace(plain, axes=axes, coefficients=names)
     calibration = Calibration(sensor, 1e-3 * np.arange(6.0), 1e-8 * np.eye(6))
-    (found,) = read_dcc(write_dcc(certificate(calibration, laboratory_file, job))).results
+    (found,) = results_of(write_dcc(certificate(calibration, laboratory_file, job)))
     assert found.names == ("a_x.k0", *names[1:])

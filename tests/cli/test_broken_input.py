@@ -118,7 +118,7 @@ INPUTS = {
         changes=(('unit = "g"', 'unit = "g"\nfull_scale = "1.02 g"'),),
     ),
     "a dead channel": Broken(
-        ("log.csv: ay reads 0.01 throughout",), cells(lambda r: [*r[:2], "0.01", *r[3:]])
+        ("log.csv: ay (column acc_y) reads 0.01",), cells(lambda r: [*r[:2], "0.01", *r[3:]])
     ),
     "binary junk": Broken(("log.csv line",), lambda _: JUNK),
     "zeros": Broken(("log.csv line 1", "binary"), lambda _: bytes(100_000)),

@@ -7,7 +7,9 @@ from tests.refusals import refused
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 from inercal.basics.errors import InercalError, InputError
+from inercal.calibration.files import load
 from inercal.cli import apply_command, log_drafts
+from inercal.recordings.io.read import read_table
 from inercal.runfile import read
 
 
@@ -63,3 +65,20 @@ def test_in_a_terminal_init_asks_for_the_accelerometers(
     printed = capsys.readouterr()
     assert "AX1, AX2, AX3" in printed.out
     assert "AX4" in printed.err
+
+
+def test_a_certificate_is_sent_to_its_verb_and_a_run_file_to_calibrate(tmp_path: Path):
+    certificates = (
+        b"%PDF-1.7\n",
+        b'<?xml version="1.0"?>\n<dcc:digitalCalibrationCertificate schemaVersion="3.2.1">\n',
+    )
+    for k, content in enumerate(certificates):
+        path = tmp_path / f"{k}.csv"
+        path.write_bytes(content)
+        with refused(file=path) as caught:
+            read_table(path)
+        assert "inercal certificate verify" in str(caught.value)
+    plan = run_file(tmp_path, SIX_POSITIONS)
+    with refused(file=plan) as caught:
+        load(plan)
+    assert f"inercal calibrate {plan}" in str(caught.value)

@@ -93,3 +93,44 @@ def test_noisy_and_failing_sensors_are_named_and_failures_lower_the_yield(tmp_pa
     assert failed["reason"].startswith("recordings/S006.npz: ")
     assert (found["yield"][0]["pass"], found["yield"][0]["share"]) == (6, 6 / 8)
     assert found["yield"][0]["without a usable result"] == 1
+
+
+def test_a_common_station_and_unlisted_recordings_are_named_by_their_paths(tmp_path: Path):
+    folder = make_line(tmp_path, 1)
+    good = folder / "recordings/S000.npz"
+    columns, _ = readings(0)
+    rows: list[tuple[str, str, str]] = []
+    for k in range(8):
+        name = f"days/{k % 2}/S{k:03}.npz"
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(good, path)
+        if k < 4:
+            np.savez(path, allow_pickle=False, **columns | {"z": np.ones_like(columns["z"])})
+        rows.append((f"S{k:03}", name, "AB"[k < 4]))
+    shutil.copyfile(good, folder / "days/1/S999.npz")
+    write_table(folder, rows, ("station",))
+    found = json.loads(run_program("fleet", "calibrate", folder, "--json").output)
+    assert found["unlisted"] == ["days/1/S999.npz"]
+    (common,) = found["common"]
+    assert "station B" in common
+    assert "4 of all 8" in common
+    reasons = json.loads(run_program("fleet", "status", folder, "--json").output)["reasons"]
+    assert sorted(name for one in reasons for name in one["sensors"]) == [
+        f"S{k:03}" for k in range(4)
+    ]
+    printed = run_program("fleet", "status", folder).output
+    assert "station B" in printed
+    assert "days/1/S999.npz" in printed
+
+
+def test_the_reason_of_a_failure_names_the_whole_path_and_the_column(tmp_path: Path):
+    folder = make_line(tmp_path, 1)
+    columns, _ = readings(0)
+    path = folder / "day/1/S000.npz"
+    path.parent.mkdir(parents=True)
+    np.savez(path, allow_pickle=False, **columns | {"z": np.ones_like(columns["z"])})
+    write_table(folder, [("S000", "day/1/S000.npz")])
+    run_program("fleet", "calibrate", folder)
+    (one,) = json.loads(run_program("fleet", "status", folder, "--json").output)["reasons"]
+    assert one["reason"].startswith("day/1/S000.npz: az (column z)")

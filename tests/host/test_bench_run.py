@@ -278,4 +278,10 @@ def test_an_operator_may_stop_a_run_and_resume_it(tmp_path: Path, bench: BenchSi
     again = carried_out(tmp_path / "run", bench, acts=[("y up", "work", look)])
     assert again.done, again.words
     assert states == ["running"]
+    (resumed,) = [one for one in again.events if one.words.startswith("interrupted at ")]
+    assert resumed.time is not None
+    assert resumed.time >= ended.run.time
+    (begins,) = [one.words for one in again.events if "the recording begins at" in one.words]
+    start = again.run.recorder.assembly.recording_start
+    assert f" {start:.1f} s" in begins
     assert [label for label, _, _ in again.sections] == ["warm-up", "y up", "z+", "rest"]

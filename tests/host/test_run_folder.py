@@ -1,5 +1,6 @@
 """The folder of a run: what it takes in, what it leaves alone, what is left where a run failed."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ from tests.host.simulated_runs import plan
 from tests.refusals import refused
 
 from inercal.basics.errors import InputError
+from inercal.cli.bench_commands import ended_by_signals
 from inercal.host.journal import Journal
 from inercal.host.run_folder import RunFolder, create_run, reopen_run
 from inercal.host.web.runs import Runs
@@ -124,3 +126,14 @@ def test_a_folder_whose_journal_could_not_be_made_may_be_named_again(
         with pytest.raises(InputError):
             begun(tmp_path)
     assert begun(tmp_path).path.exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_of_a_run_that_a_signal_ends_before_it_connects_nothing_is_left(
+    tmp_path: Path, number: signal.Signals
+):
+    made, before = begun(tmp_path), signal.getsignal(number)
+    with pytest.raises(KeyboardInterrupt), ended_by_signals(), made.removed_on_failure():
+        signal.raise_signal(number)
+    assert not made.path.exists()
+    assert signal.getsignal(number) is before

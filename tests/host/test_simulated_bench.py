@@ -1,5 +1,6 @@
 """The simulated bench: time that is granted, motion that the IMU feels, the same bytes always."""
 
+import os
 import shlex
 import signal
 import socket
@@ -345,22 +346,28 @@ def test_at_a_pace_of_its_own_the_bench_waits_for_nobody():
 
 
 @pytest.mark.slow
-def test_the_command_serves_without_an_input_until_it_is_interrupted():
-    """As a service or by nohup, standard input has ended when it begins."""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_command_serves_without_an_input_until_it_is_interrupted(
+    tmp_path: Path, number: signal.Signals
+):
+    """Standard input may have ended, as in a service, and a script may have ignored SIGINT."""
     with subprocess.Popen(
         [sys.executable, "-m", "inercal", "bench", "simulate", str(MIMU), "--tcp"],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
     ) as served:
         assert served.stdout
         words = shlex.split(served.stdout.readline())
         place = words[words.index("--imu") + 1].partition("?")[0]
         with open_link(place, 20.0):
             assert served.poll() is None
-        served.send_signal(signal.SIGINT)
+        served.send_signal(number)
         assert served.wait(20.0) not in (0, 2)
+    assert not list(tmp_path.glob("inercal-*"))
 
 
 @pytest.mark.slow

@@ -157,7 +157,7 @@ def parse(text: str, source: str) -> Calibration:
         raise InputError(f"{source}: not a calibration file: {error}", file=source) from None
     except (ValueError, RecursionError) as error:
         raise InputError(
-            f"{source}: not a calibration file: {_json_problem(text, error)}", file=source
+            f"{source}: not a calibration file: {_json_problem(text, source, error)}", file=source
         ) from None
     fields = cast(dict[str, Any], content) if isinstance(content, dict) else {}
     if fields.get("schema") != SCHEMA:
@@ -194,10 +194,15 @@ def parse(text: str, source: str) -> Calibration:
         ) from None
 
 
-def _json_problem(text: str, error: Exception) -> str:
+def _json_problem(text: str, source: str, error: Exception) -> str:
     """Say why a text is not JSON, and what to do."""
     if not text.strip():
         return "it is empty; restore it, or calibrate again"
+    if source.lower().endswith(".toml"):
+        return (
+            f"it is a TOML file; if it is a run file, calibrate it first (inercal calibrate "
+            f"{source}), and give the *.calibration.json file that this writes"
+        )
     if isinstance(error, json.JSONDecodeError) and text.lstrip().startswith("{"):
         return f"line {error.lineno}: {error.msg}; the file is cut off or damaged: restore it"
     return _NOT_JSON

@@ -1,6 +1,9 @@
 """`inercal bench`: drive a real or simulated table, read an IMU and calibrate live."""
 
+import signal
 import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -30,6 +33,22 @@ if TYPE_CHECKING:
     from inercal.host.tasks import RunOptions
     from inercal.laboratory.store import Register
     from inercal.runfile import Run
+
+
+@contextmanager
+def ended_by_signals() -> Generator[None]:
+    """Let SIGTERM end the block as Ctrl-C does, and SIGINT also in the background of a script.
+
+    A shell that starts a program with & in a script makes it ignore SIGINT.
+    """
+    both = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.signal(number, signal.default_int_handler) for number in both}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
 
 app = typer.Typer(help="Drive a table, read an IMU and calibrate live.", no_args_is_help=True)
 
@@ -96,7 +115,7 @@ def run(
     addresses = table, imu, clock
     further = assignments(also_imu or (), "--also-imu", "NAME=ADDRESS")
     result, journal = create_run(folder, plan, addresses, chamber=chamber, further_imus=further)
-    with journal, result.removed_on_failure(), result.locked():
+    with ended_by_signals(), journal, result.removed_on_failure(), result.locked():
         with console.progress_status("checking the plan"):
             warnings = check_plan(plan)
         for words in warnings:
@@ -273,7 +292,10 @@ def simulate(
     if rate is not None:
         positive_number("--rate", str(rate))
     paced = pace if pace == "granted" else positive_number("--pace", pace, ", or granted")
-    with BenchSimulator(run_file, seed, preset, rate, paced, not tcp, imus) as bench:
+    with (
+        ended_by_signals(),
+        BenchSimulator(run_file, seed, preset, rate, paced, not tcp, imus) as bench,
+    ):
         clock = f" --clock {bench.clock}" if bench.clock else ""
         chamber = f" --chamber '{bench.chamber}'" if has_soaks(read(run_file)) else ""
         if chamber:

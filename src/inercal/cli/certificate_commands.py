@@ -92,12 +92,7 @@ def issue(
     day = _read_date(issued)
     # The modules of the work load after the inputs were checked.
     from inercal.calibration.files import load
-    from inercal.laboratory.certificate.content import (
-        CertificateChange,
-        CertificateInput,
-        Texts,
-        make_certificate,
-    )
+    from inercal.laboratory.certificate import content as certificate
     from inercal.laboratory.certificate.issue import IssueOptions, make_files, read_signing_key
     from inercal.laboratory.certificate.issue import issue as issue_certificate
     from inercal.laboratory.certificate.job import read_job
@@ -113,7 +108,7 @@ def issue(
     change = "amended" if amends else "substituted" if replaces else ""
     options = IssueOptions(font, schema, key, change, amends or replaces or "", reason or "")
     calibration = load(file)
-    given = CertificateInput(
+    given = certificate.CertificateInput(
         calibration,
         None if as_found is None else load(as_found),
         laboratory,
@@ -147,10 +142,11 @@ def issue(
             f"{number} does not refer; if {number} should not stand beside it, issue a "
             f"certificate with --replaces {number} and --reason"
         )
-    marks = make_certificate(given, number, CertificateChange()).marks
+    marks = certificate.make_certificate(given, number, certificate.CertificateChange()).marks
     for mark, why in marks.items():
         if why:
-            console.report_line(f"the pages are marked {Texts('en').word('mark', mark)}: {why}")
+            word = certificate.Texts("en").word("mark", mark)
+            console.report_line(f"the pages are marked {word}: {why}")
     if json:
         content = {"number": number, "register": address, "marks": marks, **written}
         console.print_json(content | ({"other_certificates": earlier} if earlier else {}))

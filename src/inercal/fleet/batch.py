@@ -141,12 +141,14 @@ def _row(line: Line, work: Work, settle: "Callable[[], Outcome | Exception]") ->
         found, recording = _columns(outcome)
     except Exception as error:  # any error, because only this sensor is affected
         text = " ".join(str(error).split()) or type(error).__name__
-        shared = f"{line.path}: "
+        shared, name = f"{line.path}: ", Path(work.row.recording).name
         if isinstance(error, InercalError) and not error.key and text.startswith(shared):
             # All sensors share the template, so an error that names no key is in the recording.
             text = text.removeprefix(shared)
-            if not text.startswith(Path(work.row.recording).name):
+            if not text.startswith(name):
                 text = f"{work.row.recording}: {text}"
+        if text.startswith(name):
+            text = f"{work.row.recording}{text.removeprefix(name)}"
         kept = "" if isinstance(error, InercalError) else traceback.format_exc()
         return failed_row(line.folder, work, text, type(error).__name__, kept)
     return _common(work, recording) | found | {"status": results.DONE}

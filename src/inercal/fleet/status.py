@@ -1,9 +1,11 @@
 """Report the progress of a line: sensors by status and grade, and why results are missing."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from math import comb
+from os.path import relpath
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +16,15 @@ from inercal.calibration.grade import GRADE_WORDS
 from inercal.estimation.uncertainty.conformity import RESULTS
 from inercal.estimation.uncertainty.robust import robust_scale
 from inercal.fleet import results
+from inercal.fleet.inputs import is_address
 from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import RECORDING, Line
+from inercal.recordings.io.file_patterns import is_pattern
 
 _NAMES = 1000  # largest number of sensors listed for a reason
 _LINES, _NAMED = 10, 3  # largest number of printed lines of a kind, and of sensors in a line
 _LEAST_ALIKE = 5  # smallest number of sensors whose U is compared
+_BY_CHANCE = 0.05  # largest probability that sensors chosen at random share a value
 _LARGE, _SCATTER = 3.0, 5.0  # an unusual U: times the median, robust standard deviations of log U
 STATUS_COLUMNS = ("error", "grade", "conformity", "verdict", "coefficients", "std")
 """Columns that `table_status` needs in addition to those that decide which result is valid."""
@@ -54,6 +59,10 @@ class LineStatus:
     large_u : mapping of str to (str, float)
         The coefficient whose U is unusually large and the ratio of this U to the median of the
         line, by sensor id.
+    common : sequence of str
+        Sentences on values of columns that may explain the sensors that need attention.
+    unlisted : sequence of str
+        Files beside the recordings that are not in the table.
     """
 
     counts: Mapping[str, int]
@@ -65,6 +74,8 @@ class LineStatus:
     reservations: Mapping[str, str]
     failing: Mapping[str, str]
     large_u: Mapping[str, tuple[str, float]]
+    common: Sequence[str] = ()
+    unlisted: Sequence[str] = ()
 
     def as_object(self) -> dict[str, Any]:
         """Return the status as a JSON object."""
@@ -80,10 +91,15 @@ class LineStatus:
         }
 
     def named_sensors(self) -> dict[str, Any]:
-        """Return the sensors with usable results that need attention, as JSON objects by kind."""
+        """Return the sensors with usable results that need attention, as JSON objects by kind.
+
+        Also return what these sensors have in common, and recordings without a sensor.
+        """
         large = {k: {"coefficient": of, "ratio": r} for k, (of, r) in self.large_u.items()}
         return {
-            "reservations": dict(self.reservations), "failing": dict(self.failing), "large_u": large
+            "reservations": dict(self.reservations), "failing": dict(self.failing),
+            "large_u": large,
+            "common": list(self.common), "unlisted": list(self.unlisted),
         }  # fmt: skip
 
     def attention_lines(self) -> list[str]:
@@ -115,6 +131,8 @@ class LineStatus:
             *_first(
                 alike, "recording is used more than once", "recordings are used more than once"
             ),
+            *self.common,
+            *([f"not in the table of sensors: {_some(self.unlisted)}"] if self.unlisted else []),
         ]
 
 
@@ -188,10 +206,39 @@ def table_status(line: Line, table: results.Table) -> LineStatus:
     conformity = {result: judged[result] for result in RESULTS if judged[result]}
     shown = {what: n for what, n in counts.items() if n}
     failing = {name: result for name, result in usable.items() if result.endswith("fail")}
+    kinds = {
+        "have no result": exact, "are not to be relied on": why["unreliable"],
+        "fail [specification]": failing,
+    }  # fmt: skip
     return LineStatus(
         shown, ranked, conformity, outdated, why["unreliable"], _same_recording(line, rows),
         why["reservations"], failing, _large_u(table),
+        tuple(one for kind, named in kinds.items() for one in _common_values(line, kind, named)),
+        _unlisted_files(line),
     )  # fmt: skip
+
+
+def _common_values(line: Line, kind: str, named: Collection[str]) -> Iterator[str]:
+    """Yield the values that all named sensors share, where chance makes this improbable."""
+    count, of = len(named), len(line.rows)
+    for column in line.columns if count > 1 else ():
+        values = {row.id: row.columns[column].partition("T")[0] for row in line.rows}
+        shared = {values[name] for name in named if name in values}
+        among = sum(value in shared for value in values.values())
+        if len(shared) == 1 and comb(among, count) < _BY_CHANCE * comb(of, count):
+            same = f"{column} {shared.pop()}; so do {among} of all {of} sensors"
+            yield f"all {count} sensors that {kind} have {same}"
+
+
+def _unlisted_files(line: Line) -> tuple[str, ...]:
+    """Return the files in the folders of the recordings, and like them, that have no row."""
+    paths = {line.folder / row.recording for row in line.rows if not is_address(row.recording)}
+    # The folder of the line also contains other tables, and a pattern stands for several files.
+    beside = {(one.parent, one.suffix) for one in paths if one.parent != line.folder}
+    if any(map(is_pattern, paths)):
+        return ()
+    found = (one for folder, suffix in beside for one in folder.glob(f"*{suffix}"))
+    return tuple(sorted(relpath(one, line.folder) for one in found if one not in paths))
 
 
 def _large_u(table: results.Table) -> dict[str, tuple[str, float]]:

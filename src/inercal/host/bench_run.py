@@ -236,6 +236,9 @@ class BenchRun:
             try:
                 self._record_session()
                 self._clock.begin(self._next)
+                if (stopped := self.recorder.log_end.time) > 0:
+                    again = f"resumed at {self.time:.1f} s with step {self.sequencer.number + 1}"
+                    self._say("info", f"interrupted at {stopped:.1f} s, {again}")
                 # If an earlier host was killed, its watchdog may still be stopping the table.
                 self._wait_for_rest()
                 self._table_driver.require_idle()
@@ -435,6 +438,8 @@ class BenchRun:
         if block is None:
             return
         if block.starts_recording:
+            start = self.recorder.assembly.recording_start or 0.0
+            self._say("info", f"the recording begins at {start:.1f} s; a verdict counts from there")
             self._interlocks = self._create_interlocks()
             self._readback_warnings.restart()
         old = int(np.searchsorted(block.table, self._checked_from, "right"))

@@ -134,11 +134,7 @@ class RunAdvisor:
     def accepts_uncertainty(self, name: str) -> bool | None:
         """Return whether the run file can state an uncertainty of a bench parameter."""
         scores = self._estimate.score_tests.scores
-        full = next(
-            one.components[0]
-            for one in scores
-            if one.kind == "bench" and ErrorName(one.name).name == name
-        )
+        full = {ErrorName(s.name).name: s.components[0] for s in scores if s.kind == "bench"}[name]
         key, stated = self._key(name), self._run.sections.get("bench", {})
         if key not in self._run.kind.section.model_fields:
             return None

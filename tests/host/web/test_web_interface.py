@@ -184,6 +184,12 @@ def test_the_description_is_valid_openapi_and_has_every_command(told: Told):
     assert {"/api/setup", "/api/probe", "/api/filter", "/api/stop", "/live"} <= paths
 
 
+def test_an_announcement_ends_when_a_state_follows(told: Told):
+    answer = told.read("/api/state")
+    assert answer["state"] is not None
+    assert answer["phase"] is None
+
+
 def test_the_pages_of_the_documentation_are_written_from_the_program_of_today():
     assert PAGE.read_text(encoding="utf-8") == interface_page(), "run make interface"
     assert DESCRIPTION.read_text(encoding="utf-8") == description_text(), "run make interface"

@@ -22,6 +22,7 @@ def state_answer(hub: Hub) -> dict[str, Any]:
     """Return the state of the run in view."""
     phase, plan, state, end = map(hub.latest, ("phase", "plan", "state", "done"))
     shown = {} if plan is None else plan.content
+    is_past = end or (state and phase and state.at >= phase.at)
     content = {} if state is None else state.content
     return {
         "at": utc_now(),
@@ -31,7 +32,7 @@ def state_answer(hub: Hub) -> dict[str, Any]:
         "plan": shown.get("plan"),
         "operator": hub.people.operator,
         "viewers": len(hub.people.viewers),
-        "phase": phase.content["words"] if phase else None,
+        "phase": phase.content["words"] if phase and not is_past else None,
         "received": state.at if state else None,
         "state": {name: content[name] for name in RECORDS["RunState"] if name in content} or None,
         "end": end and {name: end.content[name] for name in RECORDS["RunEnd"]},

@@ -57,11 +57,6 @@ class StatedCertificate:
     number: str
     measurements: tuple[Any, ...]
 
-    @property
-    def results(self) -> tuple[StatedResults, ...]:
-        """The results; an `InputError` is raised as by `read_results`."""
-        return tuple(map(read_results, self.measurements))
-
 
 def read_dcc(document: bytes, source: str = "DCC") -> StatedCertificate:
     """Read a DCC that inercal wrote.

@@ -63,17 +63,17 @@ def read_log_table(log: Path, options: Mapping[str, object] | None = None) -> Ta
     while True:
         try:
             table = read_table(log, text=tuple(texts), options=options)
-            break
         except InputError as error:
             column = error.names[0] if error.names else ""
             if not column or column in texts or error.line is None or len(texts) == _MOST_TEXTS:
                 raise
             texts[column] = error
-    for column, error in texts.items():
-        cells = [cell for cell in table.columns[column].tolist() if cell]
-        if sum(not may_be_number(cell) for cell in cells) < _FEWEST_WORDS * len(cells):
-            raise error
-    return table
+            continue
+        for column, error in texts.items():
+            cells = [cell for cell in table.columns[column].tolist() if cell]
+            if sum(not may_be_number(cell) for cell in cells) < _FEWEST_WORDS * len(cells):
+                raise error
+        return table
 
 
 def sign_columns(table: Table, stated: object = None) -> tuple[Table, tuple[DraftKey, ...]]:

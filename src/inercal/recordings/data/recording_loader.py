@@ -60,8 +60,10 @@ def of_magnetometers(run: RunBase[DataSection]) -> RunBase[DataSection]:
 def _load(run: RunBase[DataSection], limits: Mapping[str, tuple[float, float]]) -> Recording:
     require_distinct_columns(run)
     path = run.file(run.data.file)
+    sources: dict[str, str] = {}
     try:
         columns = reader_columns(run)
+        sources = {axis: column for axis, column, _ in (*columns.channels, *columns.second)}
         if is_pattern(path):
             if run.data.marks not in ("labels", "found"):
                 raise key_error(
@@ -77,6 +79,10 @@ def _load(run: RunBase[DataSection], limits: Mapping[str, tuple[float, float]]) 
             raise error.located(run.path) from None
         if (key := _key_of_column(run.data, error.names)) is not None:
             raise error.located(f"{run.path}: {key}", key=key) from None
+        axis = error.names[0] if len(error.names) == 1 else ""
+        if (column := sources.get(axis, axis)) != axis:
+            named = f": {axis} (column {column}) "
+            error.args = (str(error).replace(f": {axis} ", named), *error.args[1:])
         raise
     _require_stated_rate(run, recording)
     recording = apply_axis_signs(run, recording)

@@ -36,7 +36,8 @@ _BEGINNINGS = {
     b"7z\xbc\xaf\x27\x1c": f"is a 7z archive: {_UNPACK}",
     b"Rar!": f"is a RAR archive: {_UNPACK}",
     b"{\n": "is JSON and not a recording: give the log, or the run file, which ends in .toml",
-    b"%PDF-": "is a PDF document: export the data as CSV",
+    b"%PDF-": "is a PDF document: export the data as CSV; "
+    "inercal certificate verify reads a certificate",
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": "is an old Excel workbook (.xls): save it as .xlsx or CSV",
 }
 _ZIP, _NAME_SIZE, _NAME = b"PK\x03\x04", slice(26, 28), 30  # places in the first file's header
@@ -191,6 +192,8 @@ def refuse_wrong_content(path: Path, head: bytes) -> None:
         what = "is empty: record or export it again"
     elif head.startswith(_ZIP) and (packed := _first_packed_name(head)):
         what = f"is a ZIP archive with {shorten(packed)}: {_UNPACK}"
+    elif b"digitalCalibrationCertificate" in head:
+        what = "is a calibration certificate: check it with inercal certificate verify"
     elif head.removeprefix(b"\xef\xbb\xbf").lstrip().lower().startswith(_HTML):
         what = "is an HTML page and not the data: download the file itself, or save the data as CSV"
     if what:

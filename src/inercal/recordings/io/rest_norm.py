@@ -165,7 +165,9 @@ def norm_at_rest(sensed: Callable[[slice], Array], recording: Recording) -> floa
     return float(np.median(np.concatenate(mean)[quiet]))
 
 
-def rate_finding(rates: Sequence[tuple[str, float]], advice: str) -> Finding | None:
+def rate_finding(
+    rates: Sequence[tuple[str, float]], advice: str, columns: Sequence[str] = ()
+) -> Finding | None:
     """Return a warning about gyros that read more at rest than any plausible bias.
 
     Parameters
@@ -174,13 +176,17 @@ def rate_finding(rates: Sequence[tuple[str, float]], advice: str) -> Finding | N
         Names of these gyros, and their readings, rad/s.
     advice : str
         Further advice, after "check unit, scale and offset in [sensor.gyro]".
+    columns : sequence of str
+        Columns of these gyros, which are named if they differ from the names.
     """
     if not rates:
         return None
-    numbers = [f"{degrees(rate):.3g}".replace("-", "−") for _, rate in rates]
+    numbers = [f"{degrees(rate):.0f}".replace("-", "−") for _, rate in rates]
     listed = ", ".join(f"{rates[k][0]} {number} °/s" for k, number in enumerate(numbers))
-    text = (
-        f"at rest the gyros read {listed}, but a bias is rarely beyond ±"
+    if columns and [*columns] != [name for name, _ in rates]:
+        listed += f" (column{'s' * (len(columns) > 1)} {', '.join(columns)})"
+    text = (  # the verdict prints the part before the first semicolon, or before the bracket
+        f"at rest the gyros read {listed}; a bias is rarely beyond ±"
         f"{degrees(LARGEST_BIAS):.0f} °/s: raw counts or volts declared as a rate look like "
         f"this; check unit, scale and offset in [sensor.gyro]{advice}"
     )
@@ -216,13 +222,15 @@ def check_zero_rates(
     expected = _expected_values(priors)
     gyros = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
     large: list[tuple[str, float]] = []
+    sources: list[str] = []
     for k, column in zip(gyros, columns, strict=False):
         name = sensor.axes[k].name
         rate = float(np.median(observations.mean[resting, k]))
         bias, sd = expected.get(f"{name}.bias", (0.0, 0.0))
         if abs(rate - bias) > max(LARGEST_BIAS, COVERAGE * sd):
-            large.append((f"{name} (column {unsigned_column(column)})", rate))
-    finding = rate_finding(large, ", or state the bias in [method.prior]")
+            large.append((name, rate))
+            sources.append(str(unsigned_column(column)))
+    finding = rate_finding(large, ", or state the bias in [method.prior]", sources)
     return () if finding is None else (finding,)
 
 
