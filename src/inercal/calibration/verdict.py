@@ -315,6 +315,8 @@ def _steps_on_cause(
     if suspect is not None:
         advice = advisor.on_cause(suspect)
         again = "measure it again, or " if suspect.kind == "bench" and not suspect.changes else ""
+        if "latitude" in suspect.indistinguishable:
+            again = "check the sign of the latitude, or "
         text = f"{again}{_changes_words(advice)}" if advice.changes else advice.action
         yield _Step(f"{_sentence(text)}{'' if advice.changes else '.'}", advice)
     elif row is not None and row.adjusted < SIGNIFICANCE_LEVEL:
@@ -332,7 +334,8 @@ def _steps_on_undetectable(
     free = [one.name for one in unseen if one.component in possible]
     if free and (advice := advisor.on_coefficients(free)):
         changes = _changes_words(advice)
-        text = f"Some of the effects that are not detectable can be estimated: {changes}"
+        some = "Some" if ", " in advice.reason else "One"
+        text = f"{some} of the effects that are not detectable can be estimated: {changes}"
         yield _Step(text, advice, needed=False)
 
 

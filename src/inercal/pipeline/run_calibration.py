@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from inercal.basics.errors import InercalError, InputError, NotObserved, error_location
-from inercal.basics.units import ZERO_CELSIUS
+from inercal.basics.units import ZERO_CELSIUS, Measured
 from inercal.benches import Bench
 from inercal.calibration import Calibration
 from inercal.calibration.additions import additions_text, doubtful_additions
 from inercal.calibration.best_cause import also as also_change
 from inercal.calibration.best_cause import changes_text
 from inercal.calibration.check_standard import CHECK_STANDARD
+from inercal.calibration.plausible_sizes import wrong_latitude_sign
 from inercal.calibration.verdict import verdict
 from inercal.estimation import Estimate
 from inercal.methods import Fit
@@ -144,6 +145,9 @@ def _fitted(
         recorded=inputs.recording is not None,
         by_hand=run.method.unknown_attitudes,
     )
+    if (place := getattr(bench, "latitude", None)) is not None:
+        latitude = place.value if isinstance(place, Measured) else place
+        findings += tuple(wrong_latitude_sign(estimate, sensor, latitude))
     findings = merge_findings(findings)
     if not np.all(estimate.converged):
         text = "".join(f"; {finding.message}" for finding in findings if finding.what == "norm")
