@@ -97,6 +97,7 @@ _CAUSES = {
     COARSE_READINGS: "rounding, whose errors this method does not include",
     WRONG_SOAK: "the temperature of this soak is wrong, or the sensor changed in it",
 }  # by `Finding.what`: no other cause can be tested while one of these is present
+_NOTES_ON_SAMPLES = ("gap", "repeated", "order", "implausible", "angles")
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
 
@@ -217,7 +218,9 @@ def verdict(
         explanation.UNCERTAINTIES: _uncertainties_by_group(largest),
         explanation.UNDETECTABLE: undetectable,
         explanation.REMARKS: merge_messages(estimate.notes),
-        explanation.CHECKS: merge_messages(told),
+        explanation.CHECKS: merge_messages(
+            [*told, *(one.message for one in findings if _is_note_on_samples(one))]
+        ),
     }
     word = _sentence(graded.word)
     why = graded.reasons[0] if graded.reasons else agreement(estimate, wrong=wrong)
@@ -259,6 +262,10 @@ def verdict(
 
 def _sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
+
+
+def _is_note_on_samples(one: Finding) -> bool:
+    return one.severity == "note" and one.what in _NOTES_ON_SAMPLES and one.factor is None
 
 
 def _noise_factor(findings: Sequence[Finding]) -> str:
