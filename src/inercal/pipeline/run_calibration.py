@@ -150,11 +150,21 @@ def _fitted(
         findings += tuple(wrong_latitude_sign(estimate, sensor, latitude))
     findings = merge_findings(findings)
     if not np.all(estimate.converged):
+        sizes = np.abs(estimate.value) + estimate.std
+        free = tuple(
+            name
+            for name, size in zip(sensor.coefficients, sizes.tolist(), strict=False)
+            if not size < sensor.coefficient(name).largest
+        )
         text = "".join(f"; {finding.message}" for finding in findings if finding.what == "norm")
         sections = "rows" if inputs.recording is None else "marks"
+        if free:
+            named = ", ".join(free)
+            text = f"; perhaps the plan does not determine {named}, which became too large{text}"
         raise InputError(
             f"{run.path}: the fit did not converge; check the {sections} and the plan{text}",
             file=run.path,
+            names=free,
         )
     if not np.isfinite(estimate.covariance).all():
         raise InputError(

@@ -30,6 +30,7 @@ from inercal.recordings.segments.dwells import ARM_RATE
 
 _AGREES = float(np.log(1.25))  # of the norms, in the right unit
 _POSSIBLE = float(np.log(2.0))  # error of a scale factor that is no wrong unit
+_IMPOSSIBLE = 30.0  # ratio of norms that no shift of a decimal point by one place explains
 _ALIKE = 0.03  # difference of two units' errors that decides nothing
 _CLEAR = 0.5  # ratio of the scatter of norms in two units that decides
 _LEAST = 1e-9  # m/s², instead of a norm of zero
@@ -53,7 +54,20 @@ def norm_refusal(
     rates = np.array([step.rate for step in steps])
     if not rates.size or bench.platform != "locked":
         return None  # on a counter-rotating platform the centripetal acceleration has no mean
-    return _refusal(run, bench, norms, rates, inputs.observations.labels)
+    labels = inputs.observations.labels
+    if (refusal := _refusal(run, bench, norms, rates, labels)) is not None:
+        return refusal
+    k = int(np.argmax(norms / np.hypot(bench.gravity.value, rates**2 * bench.radius.value)))
+    expected = float(np.hypot(bench.gravity.value, rates[k] ** 2 * bench.radius.value))
+    if norms[k] < _IMPOSSIBLE * expected:
+        return None  # screening names smaller mistakes and what would correct them
+    column = int(np.argmax(np.abs(inputs.observations.mean[k, :triad])))
+    text = (
+        f"{labels[k]}: the norm of the readings is {norms[k]:.4g} m/s², but gravity, [bench] "
+        f"radius and the rate give {expected:.4g} m/s²; correct the reading of "
+        f"{run.sensor.select_axes('f').channels[column]}, whose decimal mark may be missing"
+    )
+    return Finding("refused", "norm", text)
 
 
 def require_arm_units(
