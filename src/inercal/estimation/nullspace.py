@@ -69,11 +69,12 @@ def observability(system: WhitenedProblem, point: LinearisationPoint) -> Observa
         if free:
             words = tuple(direction.words for direction in free)
             touched = {name for direction in free for name in direction.weights}
+            plain = [one.partition(" (in units")[0] for one in words]
             names = tuple(name for name in system.problem.names if name in touched)
             raise NotObserved(
                 f"the data do not determine {', '.join(names)}; add rows in other attitudes or at "
-                "other rates, choose fewer coefficients, or give a prior (undetermined "
-                f"combinations: {first_combinations(words)})",
+                "other rates, choose fewer coefficients, or give a prior "
+                f"{undetermined_combinations(plain, 'their typical size')}",
                 words,
                 names=names,
             )
