@@ -20,7 +20,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from inercal.basics.keys import CoefficientName
-from inercal.basics.units import format_value_and_uncertainty
+from inercal.basics.units import Measured, format_value_and_uncertainty
 from inercal.estimation import Estimate
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.sensors import G0, Sensor
@@ -47,25 +47,20 @@ def implausible_sizes(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
             )
 
 
-def wrong_latitude_sign(estimate: Estimate, sensor: Sensor, latitude: float) -> Iterator[Finding]:
+def wrong_latitude_sign(
+    estimate: Estimate, sensor: Sensor, latitude: Measured | float | None
+) -> Iterator[Finding]:
     """Yield a warning if the g-sensitivities imply that the latitude, rad, has the wrong sign."""
     names = [CoefficientName(name).term for name in sensor.coefficients]
     at = [k for k, name in enumerate(names) if name in ("g_i", "g_p", "g_o")]
     along = np.array([names[k] == "g_i" for k in at])
-    if along.sum() < max(_FEWEST, sensor.rank("w")):
+    if latitude is None or along.sum() < max(_FEWEST, sensor.rank("w")):
         return
     x, u = estimate.value[at], np.sqrt(np.diag(estimate.covariance))[at]
-    shift = -2 * earth_rate_up_north(latitude)[0] / G0
+    place = latitude.value if isinstance(latitude, Measured) else latitude
+    shift = -2 * earth_rate_up_north(place)[0] / G0
     ratio = np.sum(x**2) / np.sum((x - shift * along) ** 2 + u**2)
-    if len(at) / 2 * np.log(ratio) < np.log(_LIKELY):
-        return
-    mean, expected = (
-        f"{one / sensor.coefficient(sensor.coefficients[at[0]]).si:.3g} °/h/g"
-        for one in (float(x[along].mean()), shift)
-    )
-    yield Finding(
-        "warning",
-        "latitude",
-        f"the sign of the latitude seems wrong, because all g_i are near {expected} (mean {mean}), "
-        "which it would cause; check the sign of [bench] latitude",
-    )
+    if len(at) / 2 * np.log(ratio) > np.log(_LIKELY):
+        size = f"{shift / sensor.coefficient(sensor.coefficients[at[0]]).si:.3g} °/h/g"
+        text = f"the sign of the latitude seems wrong, because all g_i are near {size}"
+        yield Finding("warning", "latitude", f"{text}; check the sign of [bench] latitude")

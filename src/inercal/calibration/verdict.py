@@ -203,6 +203,7 @@ def verdict(
     largest = _largest_uncertainties(estimate, sensor, expected)
     wrong = bool(far) or any(one.severity == "refused" for one in findings)
     told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
+    noted = [f.message for f in findings if f.severity == "note" and f.what in _NOTES_ON_SAMPLES]
     resolved = () if assessment.rejects else told
     scales = tuple(f"{_sentence(one)}: {why}." for one, why in far.items())
     sections = {
@@ -218,9 +219,7 @@ def verdict(
         explanation.UNCERTAINTIES: _uncertainties_by_group(largest),
         explanation.UNDETECTABLE: undetectable,
         explanation.REMARKS: merge_messages(estimate.notes),
-        explanation.CHECKS: merge_messages(
-            [*told, *(one.message for one in findings if _is_note_on_samples(one))]
-        ),
+        explanation.CHECKS: merge_messages([*told, *noted]),
     }
     word = _sentence(graded.word)
     why = graded.reasons[0] if graded.reasons else agreement(estimate, wrong=wrong)
@@ -262,10 +261,6 @@ def verdict(
 
 def _sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
-
-
-def _is_note_on_samples(one: Finding) -> bool:
-    return one.severity == "note" and one.what in _NOTES_ON_SAMPLES and one.factor is None
 
 
 def _noise_factor(findings: Sequence[Finding]) -> str:

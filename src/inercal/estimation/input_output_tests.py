@@ -110,7 +110,7 @@ class InputOutput:
         free = others - line @ np.linalg.pinv(line) @ others
         shown = np.abs(free).max(axis=0) > _NO_EFFECT  # the rest acts like the line
         free, others = free[:, shown], others[:, shown]
-        keep = np.eye(len(self.x)) - others @ np.linalg.pinv(free, rcond=_NO_EFFECT)
+        keep: Array = np.eye(len(self.x)) - others @ np.linalg.pinv(free, rcond=_NO_EFFECT)
         return keep @ self.y, keep @ self.covariance @ keep.T, np.c_[line, free]
 
     def whiten(self, columns: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from inercal.basics.errors import InercalError, InputError, NotObserved, error_location
-from inercal.basics.units import ZERO_CELSIUS, Measured
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches import Bench
 from inercal.calibration import Calibration
 from inercal.calibration.additions import additions_text, doubtful_additions
@@ -145,22 +145,16 @@ def _fitted(
         recorded=inputs.recording is not None,
         by_hand=run.method.unknown_attitudes,
     )
-    if (place := getattr(bench, "latitude", None)) is not None:
-        latitude = place.value if isinstance(place, Measured) else place
-        findings += tuple(wrong_latitude_sign(estimate, sensor, latitude))
+    findings += tuple(wrong_latitude_sign(estimate, sensor, getattr(bench, "latitude", None)))
     findings = merge_findings(findings)
     if not np.all(estimate.converged):
-        sizes = np.abs(estimate.value) + estimate.std
-        free = tuple(
-            name
-            for name, size in zip(sensor.coefficients, sizes.tolist(), strict=False)
-            if not size < sensor.coefficient(name).largest
-        )
+        largest = 0.1 * sensor.unit_scale
+        large = (np.abs(estimate.value) + estimate.std)[: len(largest)] > largest
+        free = tuple(np.array(sensor.coefficients)[large].tolist())
         text = "".join(f"; {finding.message}" for finding in findings if finding.what == "norm")
         sections = "rows" if inputs.recording is None else "marks"
         if free:
-            named = ", ".join(free)
-            text = f"; perhaps the plan does not determine {named}, which became too large{text}"
+            text = f"; perhaps the plan does not determine {', '.join(free)}{text}"
         raise InputError(
             f"{run.path}: the fit did not converge; check the {sections} and the plan{text}",
             file=run.path,

@@ -57,16 +57,13 @@ def norm_refusal(
     labels = inputs.observations.labels
     if (refusal := _refusal(run, bench, norms, rates, labels)) is not None:
         return refusal
-    k = int(np.argmax(norms / np.hypot(bench.gravity.value, rates**2 * bench.radius.value)))
-    expected = float(np.hypot(bench.gravity.value, rates[k] ** 2 * bench.radius.value))
-    if norms[k] < _IMPOSSIBLE * expected:
+    expected = np.hypot(bench.gravity.value, rates**2 * bench.radius.value)
+    k = int(np.argmax(norms / expected))
+    if norms[k] < _IMPOSSIBLE * expected[k]:
         return None  # screening names smaller mistakes and what would correct them
     column = int(np.argmax(np.abs(inputs.observations.mean[k, :triad])))
-    text = (
-        f"{labels[k]}: the norm of the readings is {norms[k]:.4g} m/s², but gravity, [bench] "
-        f"radius and the rate give {expected:.4g} m/s²; correct the reading of "
-        f"{run.sensor.select_axes('f').channels[column]}, whose decimal mark may be missing"
-    )
+    text = f"correct the reading of {run.sensor.select_axes('f').channels[column]}, whose decimal"
+    text = f"{_off(labels[k], norms[k], expected[k])}; {text} mark is lost"
     return Finding("refused", "norm", text)
 
 
@@ -117,16 +114,20 @@ def _refusal(
         raise unit.error(run)
     k = int(np.argsort(ratios(1.0))[rates.size // 2])
     norm, expected = float(norms[k]), float(norms[k] / ratios(1.0)[k])
-    text = (
-        f"{labels[k] if labels else 'a sample'}: the norm of the readings is {norm:.4g} m/s², but "
-        f"gravity, [bench] radius and the rate give {expected:.4g} m/s²"
-    )
+    text = _off(labels[k] if labels else "a sample", norm, expected)
     finding = norm_finding(norm, expected, text, run.sensor.select_axes("f").axes[0].readout.unit)
     if finding is None or finding.severity != "refused":
         return None
     if left < _AGREES and alike and spread > _CLEAR * of_rates:
         return replace(finding, message=f"{finding.message}; or {unit.text} ({unit.key})")
     return finding
+
+
+def _off(label: str, norm: float, expected: float) -> str:
+    return (
+        f"{label}: the norm of the readings is {norm:.4g} m/s², but gravity, [bench] radius and "
+        f"the rate give {expected:.4g} m/s²"
+    )
 
 
 def _require_order(run: RunBase[CentrifugeData], bench: Centrifuge, inputs: EstimatorInput) -> None:
