@@ -10,7 +10,7 @@ from tests.runfile.key_sweep import example, toml
 
 from inercal import calibrate
 from inercal.basics.arrays import Array
-from inercal.calibration.plausible_sizes import wrong_latitude_sign
+from inercal.calibration.detectability import wrong_latitude_sign
 from inercal.estimation import Estimate
 from inercal.physics.sensors import triad
 from inercal.pipeline.run_calibration import calibrate_run
