@@ -18,14 +18,13 @@ from inercal.report import write_report
 from inercal.runfile import read
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-TERMS = ("g_i", "g_p", "g_o")
+SENSOR = triad("t", "w", "g").with_coefficients("g_i", "g_p", "g_o")
 EARTH, G = 7.292115e-5, 9.80665
 
 
 def warned(values: Array, latitude: float, sd: float = 1e-8) -> bool:
-    sensor = triad("t", "w", "g").with_coefficients(*TERMS)
     made = SimpleNamespace(value=values, covariance=sd**2 * np.eye(len(values)))
-    return any(wrong_latitude_sign(cast("Estimate", made), sensor, np.radians(latitude)))
+    return any(wrong_latitude_sign(cast("Estimate", made), SENSOR, np.radians(latitude)))
 
 
 def test_a_common_sensitivity_of_twice_the_vertical_earth_rate_is_a_wrong_sign():
@@ -38,8 +37,8 @@ def test_a_common_sensitivity_of_twice_the_vertical_earth_rate_is_a_wrong_sign()
     assert not warned(own + shift * along, -2.0)
     assert not warned(own + shift * along, -50.0, sd=shift)
     rng = np.random.default_rng(1)
-    alarms = [warned(shift * rng.standard_normal(9), -50.0) for _ in range(2000)]
-    assert np.mean(alarms) < 2e-3
+    alarms = [warned(shift * rng.standard_normal(9), -50.0) for _ in range(1000)]
+    assert np.mean(alarms) < 3e-3
 
 
 @pytest.mark.slow
