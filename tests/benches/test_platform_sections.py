@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.base_seeds import evidence
 from tests.refusals import refused
+from tests.runfile.key_sweep import EXAMPLES, example, toml
 
 from inercal.benches.rate_platform.kind import KIND
 from inercal.benches.rate_platform.section_finder import find_sections
@@ -375,3 +376,13 @@ def test_sections_of_milliseconds_are_refused(tmp_path: Path):
     marked = 'label = "label"\nmarks = "labels"\ntime_unit = "ms"'
     with refused(key="[data] time_unit"):
         KIND.observe(run_of(tmp_path, marked))
+
+
+@pytest.mark.parametrize("unit", ["m/s²", "mg"])
+def test_accelerometers_that_do_not_read_gravity_at_rest_are_refused(unit: str, tmp_path: Path):
+    data = ("data", "file", str(EXAMPLES / "rate_platform" / "imu.csv"))
+    path = tmp_path / "run.toml"
+    stated = ("sensor.accelerometer", "unit", unit)
+    path.write_text(toml(example("rate_platform/imu.toml", data, stated)), encoding="utf-8")
+    with refused(file=Path(data[2])):
+        KIND.observe(read(path))

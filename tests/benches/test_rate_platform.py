@@ -416,3 +416,16 @@ def test_speeds_in_the_table_of_scale_factors_are_round(monkeypatch: pytest.Monk
     shown = SimpleNamespace(bench=BENCH, steps=(), observations=None, sensor=None)
     table = linearity.output_tables(cast(Any, None), cast(Any, shown))["scale_factors"]
     assert list(table["speed, °/s"]) == [5.0, 10.0, 0.1234567]
+
+
+def test_roll_and_pitch_of_a_table_with_three_axes_are_those_of_the_page():
+    """Outer axis z, middle axis x and inner axis y, multiplied out as rotations."""
+    for outer, m, i in np.random.default_rng(5).uniform(-1.5, 1.5, (20, 3)):
+        about_z = np.array([[np.cos(outer), -np.sin(outer), 0], [np.sin(outer), np.cos(outer), 0]])
+        about_z = np.vstack([about_z, [0, 0, 1]])
+        about_x = np.array([[1, 0, 0], [0, np.cos(m), -np.sin(m)], [0, np.sin(m), np.cos(m)]])
+        about_y = np.array([[np.cos(i), 0, np.sin(i)], [0, 1, 0], [-np.sin(i), 0, np.cos(i)]])
+        up = (about_z @ about_x @ about_y).T @ [0, 0, 1]
+        pitch = np.arcsin(np.sin(i) * np.cos(m))
+        roll = np.arctan2(np.sin(m), np.cos(i) * np.cos(m))
+        np.testing.assert_allclose(Pose("", roll, pitch).up, up, atol=1e-12)

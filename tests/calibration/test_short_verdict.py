@@ -13,6 +13,7 @@ from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Change
 from inercal.calibration import explanation
 from inercal.calibration.explanation import (
+    CHECKS,
     Addition,
     ExplanationSection,
     customer_sections,
@@ -333,3 +334,12 @@ def test_uncertainties_of_one_group_in_several_units_name_their_coefficients():
         "accelerometer nonlinearity (k2)",
         "accelerometer nonlinearity (k3)",
     ]
+
+
+def test_lost_samples_are_told_in_the_explanation_and_do_not_lower_the_grade():
+    told = [Finding("note", "gap", "lost"), Finding("note", "jitter", "steps vary")]
+    said = verdict(fitted(0.0, {"ax.k2": "coefficient"}, SENSOR), SENSOR, told)
+    without = verdict(fitted(0.0, {"ax.k2": "coefficient"}, SENSOR), SENSOR, ())
+    listed = {one.heading: one.lines for one in said.explanation}
+    assert listed[CHECKS] == ("lost",)
+    assert (said.grade, said.lines) == (without.grade, without.lines)

@@ -43,6 +43,29 @@ def test_a_straight_line_has_its_slope_and_no_effect():
         assert one.bound > 0
 
 
+def test_an_effect_that_changes_its_sign_when_the_sensor_is_turned_over_is_no_linearity_error():
+    x, side = np.r_[UP, -UP, UP], np.repeat([1.0, -1.0, 1.0], 11)
+    cross = np.where(side > 0, 0.7, 0.2) * x  # of an axis that is inclined to the input
+    others = np.c_[9.81 * side, cross, np.full_like(x, 96.2)]
+    y = 0.3 + 1.001 * x + 0.01 * side + 3e-3 * cross
+    plain = table(x, y)
+    kinked = table(x, y + np.where(x > 0, 0.01, -0.01) * x)
+    assert linearity_error(plain).detected
+    assert not linearity_error(replace(plain, others=others)).detected
+    assert linearity_error(replace(plain, others=others)).value == pytest.approx(0.0, abs=1e-12)
+    found = asymmetry(replace(kinked, others=others))
+    assert found is not None
+    assert found.value == pytest.approx(0.02, rel=0.01)
+    assert linearity_error(replace(kinked, others=others)).detected
+
+
+def test_an_effect_that_acts_like_the_line_is_not_subtracted():
+    one = table(UP, 0.3 + 1.001 * UP)
+    same = replace(one, others=np.c_[np.full_like(UP, 9.81), 0.5 * UP])
+    assert scale_factor(same) == scale_factor(one)
+    assert composite_error(same).value == pytest.approx(composite_error(one).value, rel=1e-12)
+
+
 def test_a_kink_at_zero_is_the_asymmetry():
     found = asymmetry(table(LOOP, np.where(LOOP > 0, 1.01, 0.99) * LOOP))
     assert found is not None

@@ -12,6 +12,7 @@ from tests.methods.platform_devices import (
     EXACT,
     FULL,
     MID,
+    MID_SIX,
     READ,
     Devices,
     Row,
@@ -115,10 +116,23 @@ def test_what_the_line_cannot_use_is_refused():
         solve(seen(made, 0), sensor, bench(READ), steps_of(made.rows), [prior])
 
 
-def found(made: Devices, device: int, rows: list[Row]) -> dict[tuple[str, str], Characteristic]:
-    sensor = triad("t", "w", "g").with_coefficients(*LINEAR)
-    own = gyro_characteristics(seen(made, device), sensor, bench(READ), steps_of(rows))
+def found(
+    made: Devices, device: int, rows: list[Row], *, terms: tuple[str, ...] = LINEAR
+) -> dict[tuple[str, str], Characteristic]:
+    sensor, table = triad("t", "w", "g").with_coefficients(*terms), bench(READ)
+    own = gyro_characteristics(seen(made, device), sensor, replace(table, arm=0.0), steps_of(rows))
     return {(one.axis, one.name): one for one in own}
+
+
+def test_the_g_sensitivity_of_a_straight_gyro_is_no_linearity_error():
+    terms = (*LINEAR, "g_i", "g_p", "g_o")
+    made = devices(MID_SIX, "T", READ, terms, 1, np.random.default_rng(4))
+    assert np.abs(made.truth["g_i"]).min() > 1e-6
+    own, omitted = found(made, 0, MID_SIX, terms=terms), found(made, 0, MID_SIX)
+    for axis in ("gx", "gy", "gz"):
+        assert omitted[axis, "linearity error"].figure.detected
+        for name in ("linearity error", "asymmetry"):
+            assert not own[axis, name].figure.detected
 
 
 @pytest.mark.slow

@@ -14,14 +14,17 @@ import pytest
 from tests.advice_followed import follow_all
 from tests.base_seeds import chosen
 from tests.evidence.violation_cells import CASES, base_cells, case_cells, device_files, find_case
+from tests.runfile.key_sweep import example, toml
 
 import inercal
 from inercal.basics.errors import InercalError
 from inercal.basics.run_file_advice import Change, with_changes
 from inercal.basics.units import parse_quantity
 from inercal.benches.kind_definition import KINDS
+from inercal.pipeline import apply_data_columns, simulate
 from inercal.pipeline.drafts import draft_run_file
-from inercal.runfile import from_sections
+from inercal.recordings.io.write import write_recording
+from inercal.runfile import from_sections, read
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -96,6 +99,43 @@ def test_advice_on_an_example_is_kept(name: str, tmp_path: Path):
 @pytest.mark.parametrize("name", QUICK)
 def test_advice_on_some_violations_is_kept(name: str, tmp_path: Path):
     assert follow_cells(name, tmp_path, every=4) > 0
+
+
+RECORDED: dict[str, tuple[str, tuple[tuple[str, str, object], ...]]] = {
+    "rates_and_poses": (
+        "rate_platform/imu.toml",
+        (
+            ("sensor.accelerometer", "white", "40 µg/√Hz"),
+            ("sensor.gyro", "white", "0.1 °/√h"),
+            ("bench", "arm", "5 mm"),
+            *(("data", key, None) for key in ("kind", "axis", "table_rate", "roll", "pitch", "sd")),
+            ("data", "marks", "labels"),
+            ("data", "label", "label"),
+            ("method", "also", ["g"]),
+            ("method", "rates", ["50 °/s"]),
+            ("method", "attitudes", "faces"),
+        ),
+    ),
+    "systematic": (
+        "systematic/imu.toml",
+        (("method", "seconds", "12 s"), ("method", "also", ["g"])),
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RECORDED)
+def test_coefficients_that_are_advised_for_a_recording_are_determined_together(
+    name: str, tmp_path: Path
+):
+    example_file, changes = RECORDED[name]
+    stored = (("data", "file", "log.npz"), ("data", "rate", "20 Hz"))
+    path = tmp_path / "run.toml"
+    path.write_text(toml(example(example_file, *stored, *changes)), encoding="utf-8")
+    run = read(path)
+    write_recording(apply_data_columns(run, simulate(run, 1)), run.file(run.data.file))
+    followed = follow_all(path, inercal.calibrate(path))
+    assert {one.refused for one in followed} <= {""}
 
 
 @pytest.mark.evidence

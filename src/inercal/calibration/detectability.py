@@ -21,6 +21,16 @@ Commission (external reliability).
 If a plan leaves few or no degrees of freedom, a wrong reading shows in no residual, but the terms
 beyond bias, scale factor and misalignment become large. In healthy MEMS sensors, these terms change
 the reading by at most 0.2 % of 1 g or 1 rad/s, at 1 g or 1 rad/s. The limit is ten times as large.
+
+A latitude φ with the wrong sign changes the vertical earth rate by 2 ω sin φ. If the force on the
+gyros is gravity, this acts like a g-sensitivity along I that all gyros have in common and that no
+residual shows::
+
+    Δg_i = −2 ω sin φ / g
+
+The n sensitivities to acceleration of a sensor are assumed to be normally distributed with an
+unknown standard deviation. The sign is doubtful if their likelihood without Δg_i is 500 times as
+large: (Σ x² / Σ ((x − Δ)² + u²))^(n/2).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,10 +42,11 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
-from inercal.basics.units import format_quantity, format_value_and_uncertainty
+from inercal.basics.units import Measured, format_quantity, format_value_and_uncertainty
 from inercal.estimation import Estimate, ScoreTest
+from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.quantities import ANGULAR_RATE, SPECIFIC_FORCE
-from inercal.physics.sensors import Sensor
+from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.coefficient_tables import TERMS, ErrorTerm
 from inercal.recordings import Finding
 
@@ -177,6 +188,8 @@ _GROUPS = ("nonlinearity", "asymmetry", "cross", "g", "g2")
 _LARGEST = 0.02  # of the natural size
 _FAR_SCALE = 0.1  # the scale factors of most sensors are within a few percent of nominal
 _SIGMAS = 6.0  # standard deviations by which a coefficient must exceed the limit
+_LIKELY = 500.0
+_FEWEST = 2  # gyros that can have a sensitivity in common
 
 
 def scale_remarks(estimate: Estimate, sensor: Sensor) -> Iterator[str]:
@@ -205,3 +218,22 @@ def implausible_sizes(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
                 "size",
                 f"{name} is {size}, implausibly large; look for a wrong reading",
             )
+
+
+def wrong_latitude_sign(
+    estimate: Estimate, sensor: Sensor, latitude: Measured | float | None
+) -> Iterator[Finding]:
+    """Yield a warning if the g-sensitivities imply that the latitude, rad, has the wrong sign."""
+    names = [CoefficientName(name).term for name in sensor.coefficients]
+    at = [k for k, name in enumerate(names) if name in ("g_i", "g_p", "g_o")]
+    along = np.array([names[k] == "g_i" for k in at])
+    if latitude is None or along.sum() < max(_FEWEST, sensor.rank("w")):
+        return
+    x, u = estimate.value[at], np.sqrt(np.diag(estimate.covariance))[at]
+    place = latitude.value if isinstance(latitude, Measured) else latitude
+    shift = -2 * earth_rate_up_north(place)[0] / G0
+    ratio = np.sum(x**2) / np.sum((x - shift * along) ** 2 + u**2)
+    if len(at) / 2 * np.log(ratio) > np.log(_LIKELY):
+        size = f"{shift / sensor.coefficient(sensor.coefficients[at[0]]).si:.3g} °/h/g"
+        text = f"the sign of the latitude seems wrong, because all g_i are near {size}"
+        yield Finding("warning", "latitude", f"{text}; check the sign of [bench] latitude")

@@ -24,7 +24,7 @@ UNDETECTABLE = (
     "a coefficient by 5 u)"
 )
 REMARKS = "Remarks on the method and the data"
-CHECKS = "Warnings of the checks"
+CHECKS = "Warnings and notes of the checks"
 NOTES = "Notes"
 """Heading for notes from a file that states no headings."""
 EXPLAIN, NEXT = "--explain lists them.", "Next: "

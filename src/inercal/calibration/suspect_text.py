@@ -239,7 +239,7 @@ def _format_quantity(value: float, sd: float, unit: str) -> str:
     """Return a quantity as text, in a unit that suits its size."""
     if not np.isfinite(value):
         return "an unknown amount"
-    unit = _DISPLAY_UNITS.get(unit, unit)
+    unit = _DISPLAY_UNITS.get(unit, unit) or "1"  # the sense of a rotation has no unit
     if unit == "ppm" and abs(value) > _PERCENT_THRESHOLD:
         unit = "%"
     if sd == 0:

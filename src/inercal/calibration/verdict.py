@@ -103,6 +103,7 @@ _CAUSES = {
     COARSE_READINGS: "rounding, whose errors this method does not include",
     WRONG_SOAK: "the temperature of this soak is wrong, or the sensor changed in it",
 }  # by `Finding.what`: no other cause can be tested while one of these is present
+_NOTES_ON_SAMPLES = ("gap", "repeated", "order", "implausible", "angles")
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
 
@@ -214,6 +215,7 @@ def verdict(
     largest = _largest_uncertainties(estimate, sensor, expected)
     wrong = bool(far) or any(one.severity == "refused" for one in findings)
     told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
+    noted = [f.message for f in findings if f.severity == "note" and f.what in _NOTES_ON_SAMPLES]
     scales = tuple(f"{_sentence(one)}: {why}." for one, why in far.items())
     sections = {
         explanation.AGREEMENT: (
@@ -230,7 +232,7 @@ def verdict(
         explanation.REMARKS: merge_messages(
             (*estimate.notes, *(() if far else scale_remarks(estimate, sensor)))
         ),
-        explanation.CHECKS: merge_messages(told),
+        explanation.CHECKS: merge_messages([*told, *noted]),
     }
     word = _sentence(graded.word)
     why = graded.reasons[0] if graded.reasons else agreement(estimate, wrong=wrong)
@@ -336,6 +338,8 @@ def _steps_on_cause(
     if suspect is not None:
         advice = advisor.on_cause(suspect)
         again = "measure it again, or " if suspect.kind == "bench" and not suspect.changes else ""
+        if "latitude" in suspect.indistinguishable:
+            again = "check the sign of the latitude, or "
         text = f"{again}{_changes_words(advice)}" if advice.changes else advice.action
         yield _Step(f"{_sentence(text)}{'' if advice.changes else '.'}", advice)
     elif row is not None and row.adjusted < SIGNIFICANCE_LEVEL:
@@ -354,7 +358,8 @@ def _steps_on_undetectable(
     free = [one.name for one in unseen if one.component in possible]
     if free and (advice := advisor.on_coefficients(free)):
         changes = _changes_words(advice)
-        text = f"Some of the effects that are not detectable can be estimated: {changes}"
+        some = "Some" if ", " in advice.reason else "One"
+        text = f"{some} of the effects that are not detectable can be estimated: {changes}"
         yield _Step(text, advice, needed=False)
 
 

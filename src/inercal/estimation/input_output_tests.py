@@ -16,7 +16,9 @@ fitted by least squares with equal weights to all rows; full scale is the larges
   The loop closes at its ends. Each input has its own level, so nonlinearity has no effect.
 
 The covariance of the readings includes the errors of the bench, so its hysteresis, its settling and
-the errors of its inputs are nuisances of every estimate.
+the errors of its inputs are nuisances of every estimate. Effects of other inputs, such as the
+g-sensitivity of a gyro that is turned over, are fitted together with the line and subtracted. The
+hysteresis does not depend on them, because they are the same at equal levels.
 
 An effect is detected if it is three standard uncertainties from zero. Otherwise its upper limit at
 95 % is stated. If χ² of the hysteresis is improbably large, its uncertainty is enlarged to make it
@@ -25,6 +27,7 @@ probable (Birge). `inercal.estimation.response_band` has the tests with small in
 
 # pyright: reportMissingTypeStubs=false
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import nan, sqrt
 
 import numpy as np
@@ -36,6 +39,7 @@ DETECTED = 3.0  # standard uncertainties
 CHANCE = 0.0027  # probability of 3 standard deviations
 _BIRGE = 0.01
 _INTERVAL, _BOUND = 1.959964, 1.644854  # normal quantiles at 97.5 and 95 %
+_NO_EFFECT = 1e-6  # of the largest effect of another input
 _REST = 1e-3  # times full scale: a slower or smaller input is zero
 
 
@@ -57,6 +61,8 @@ class InputOutput:
         Rows with the same number have the same input, and the same bias.
     setting : (n,) array of int
         Rows with the same number have the same bias.
+    others : (n, q) array or None
+        Readings due to q other inputs of unit size, each the same at equal levels.
 
     Raises
     ------
@@ -71,6 +77,7 @@ class InputOutput:
     rising: Array
     level: Indices
     setting: Indices
+    others: Array | None = None
 
     def __post_init__(self) -> None:
         n = len(self.x)
@@ -90,7 +97,21 @@ class InputOutput:
             self.rising[which],
             self.level[which],
             self.setting[which],
+            None if self.others is None else self.others[which],
         )
+
+    @cached_property
+    def alone(self) -> tuple[Array, Array, Array]:
+        """Readings without the `others`, their covariance, and the design that was fitted."""
+        line = np.stack([np.ones_like(self.x), self.x / self.full_scale], axis=-1)
+        if self.others is None:
+            return self.y, self.covariance, line
+        others = self.others / np.maximum(np.abs(self.others).max(axis=0), _NO_EFFECT)
+        free = others - line @ np.linalg.pinv(line) @ others
+        shown = np.abs(free).max(axis=0) > _NO_EFFECT  # the rest acts like the line
+        free, others = free[:, shown], others[:, shown]
+        keep: Array = np.eye(len(self.x)) - others @ np.linalg.pinv(free, rcond=_NO_EFFECT)
+        return keep @ self.y, keep @ self.covariance @ keep.T, np.c_[line, free]
 
     def whiten(self, columns: Array) -> Array:
         """Return columns, (n, k), in units in which the covariance of the readings is 1."""
@@ -164,17 +185,17 @@ def _line_gain(x: Array) -> Array:
 
 def scale_factor(table: InputOutput) -> Figure:
     """Return the slope K of the straight line; it is not tested against zero."""
-    gain = _line_gain(table.x)[1]
-    return _figure(float(gain @ table.y), sqrt(float(gain @ table.covariance @ gain)), tested=False)
+    gain, (y, covariance, _) = _line_gain(table.x)[1], table.alone
+    return _figure(float(gain @ y), sqrt(float(gain @ covariance @ gain)), tested=False)
 
 
 def line_residuals(table: InputOutput) -> tuple[Array, Array]:
     """Return the residuals of the straight line and their covariance, divided by K full scale."""
     design = np.stack([np.ones_like(table.x), table.x], axis=-1)
-    gain = _line_gain(table.x)
+    gain, (y, covariance, _) = _line_gain(table.x), table.alone
     away = np.eye(len(table.x)) - design @ gain
-    size = abs(float(gain[1] @ table.y)) * table.full_scale
-    return away @ table.y / size, away @ table.covariance @ away.T / size**2
+    size = abs(float(gain[1] @ y)) * table.full_scale
+    return away @ y / size, away @ covariance @ away.T / size**2
 
 
 def linearity_error(table: InputOutput) -> Figure:
@@ -184,21 +205,21 @@ def linearity_error(table: InputOutput) -> Figure:
     """
     residual, spread = line_residuals(table)
     worst = int(np.argmax(np.abs(residual)))
-    design = np.stack([np.ones_like(table.x), table.x / table.full_scale], axis=-1)
-    off = table.whiten(np.c_[design, table.y])
-    basis = np.linalg.qr(off[:, :2])[0]
-    chi2 = float(off[:, 2] @ off[:, 2] - np.sum((basis.T @ off[:, 2]) ** 2))
+    off = table.whiten(np.c_[table.alone[2], table.y])
+    fitted, _, rank, _ = np.linalg.lstsq(off[:, :-1], off[:, -1])
+    chi2 = float(np.sum((off[:, -1] - off[:, :-1] @ fitted) ** 2))
     found = _figure(abs(float(residual[worst])), sqrt(float(spread[worst, worst])))
-    shown = found.low > 0 and probability_above(chi2, len(table.x) - 2) < CHANCE
+    shown = found.low > 0 and probability_above(chi2, len(table.x) - int(rank)) < CHANCE
     return replace(found, detected=shown, detectable=nan)
 
 
 def composite_error(table: InputOutput) -> Figure:
     """Return the composite error from the nominal output; it is not tested against zero."""
-    span = float(np.ptp(table.y)) / 2
-    off = np.abs(table.y - table.x) / span
+    y, covariance, _ = table.alone
+    span = float(np.ptp(y)) / 2
+    off = np.abs(y - table.x) / span
     worst = int(np.argmax(off))
-    return _figure(float(off[worst]), sqrt(table.covariance[worst, worst]) / span, tested=False)
+    return _figure(float(off[worst]), sqrt(covariance[worst, worst]) / span, tested=False)
 
 
 def asymmetry(table: InputOutput) -> Figure | None:
@@ -212,11 +233,10 @@ def asymmetry(table: InputOutput) -> Figure | None:
         gain = np.zeros_like(table.x)
         gain[side] = _line_gain(table.x[side])[1]
         gains.append(gain)
-    mean = float((gains[0] + gains[1]) @ table.y) / 2
+    y, covariance, _ = table.alone
+    mean = float((gains[0] + gains[1]) @ y) / 2
     difference = (gains[0] - gains[1]) / mean
-    return _figure(
-        float(difference @ table.y), sqrt(float(difference @ table.covariance @ difference))
-    )
+    return _figure(float(difference @ y), sqrt(float(difference @ covariance @ difference)))
 
 
 def loop_shape(table: InputOutput) -> Array:

@@ -15,7 +15,6 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import NotObserved
-from inercal.basics.units import format_count
 from inercal.estimation.problem import Problem
 from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem, svd
 
@@ -70,12 +69,14 @@ def observability(system: WhitenedProblem, point: LinearisationPoint) -> Observa
         if free:
             words = tuple(direction.words for direction in free)
             touched = {name for direction in free for name in direction.weights}
+            plain = [one.partition(" (in units")[0] for one in words]
+            names = tuple(name for name in system.problem.names if name in touched)
             raise NotObserved(
-                f"the data do not determine {format_count(len(words), 'combination')} of"
-                f" parameters: {first_combinations(words)}; remove parameters, or give a prior or a"
-                " gauge",
+                f"the data do not determine {', '.join(names)}; add rows in other attitudes or at "
+                "other rates, choose fewer coefficients, or give a prior "
+                f"{undetermined_combinations(plain, 'their typical size')}",
                 words,
-                names=tuple(name for name in system.problem.names if name in touched),
+                names=names,
             )
     return seen
 

@@ -189,6 +189,10 @@ def _no_remarks(fit: Fit[Any, Any]) -> Remarks:
     return Remarks()
 
 
+def _accept(sensor: Sensor, observations: Observations, priors: Priors) -> None:
+    """Accept all coefficients."""
+
+
 def _mount_frame(bench: object) -> "Frame":
     return "mount"
 
@@ -238,6 +242,9 @@ class Method(MethodBase, Generic[Bench, Step]):
         share.
     final_by_recording : bool
         Whether the final result of a recording comes from a different estimator than the live one.
+    require_determined : callable
+        Raises an error if the sensor's coefficients cannot be determined from observations of this
+        kind with these priors, as far as this is known without an estimate.
     add_magnetometers : callable or None
         Maps a `Fit` of accelerometers and gyros, and the magnetometers, to the estimate of all axes
         and remarks on the field; None if the method cannot calibrate magnetometers.
@@ -262,6 +269,7 @@ class Method(MethodBase, Generic[Bench, Step]):
     weighs_common_errors: bool = False
     sequential: SequentialEstimator[Bench, Step] | None = None
     final_by_recording: bool = False
+    require_determined: Callable[[Sensor, Observations, Priors], None] = _accept
     add_magnetometers: "AddMagnetometers[Bench, Step] | None" = None
     triads_because: str = ""
 

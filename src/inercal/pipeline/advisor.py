@@ -1,8 +1,10 @@
 """Try each piece of advice before giving it: calibrate the run again with the changed keys.
 
 A change is not advised if it causes an error in the run file, the plan or the data, or if χ²
-decreases by far less than the cause should explain. Advice on undetectable coefficients is not
-tried on a recording, because this would take as long as the calibration itself.
+decreases by far less than the cause should explain. Undetectable coefficients are advised as a set
+that can be estimated together; it is tried without reading the data again. If the method follows
+the samples of a recording, a trial would take as long as the calibration itself. Then only the
+first coefficient is advised, because the score tests show that it alone can be estimated.
 """
 
 import re
@@ -21,7 +23,9 @@ from inercal.benches.key_declarations import declarations
 from inercal.calibration.best_cause import SuspectedCause, action_on, also, changes_text
 from inercal.estimation import Estimate
 from inercal.methods import METHODS
+from inercal.physics.sensors.coefficient_selection import select_coefficients
 from inercal.pipeline.outcome import FittedRun
+from inercal.pipeline.temperature_fit import fit_over_temperatures
 from inercal.runfile import Run, from_sections
 
 _ENOUGH = 0.9  # least fraction of the expected decrease of χ²
@@ -57,6 +61,7 @@ class RunAdvisor:
     """
 
     def __init__(self, fitted: FittedRun, row_word: str, fit: Callable[[Run], FittedRun]) -> None:
+        self._fitted = fitted
         self._run, self._estimate, self._expected = fitted.stated, fitted.estimate, fitted.expected
         self._possible = fitted.run.method.possible(fitted.run.sensor)
         self.row_word, self._fit = row_word, fit
@@ -115,13 +120,15 @@ class RunAdvisor:
             for name in (score.name, *score.components)
         }
         chosen = tuple(name for name in names if name in shown)
-        accepted = chosen if chosen and self._is_accepted(chosen) else ()
-        for name in chosen if len(chosen) > 1 and not accepted else ():
-            if self._is_accepted((*accepted, name)):
-                accepted = (*accepted, name)
-        if not accepted:
+        while chosen and (free := self._undetermined(chosen)) is not None:
+            own = [set(select_coefficients(self._run.sensor.axes, (one,))) for one in chosen]
+            last = max((k for k, some in enumerate(own) if some & set(free)), default=-1)
+            chosen = tuple(one for one in chosen if one != chosen[last])
+        if self._fitted.inputs.observations.track is not None:
+            chosen = chosen[:1]
+        if not chosen:
             return None
-        return Advice(", ".join(accepted), self._completed((also(accepted),)))
+        return Advice(", ".join(chosen), self._completed((also(chosen),)))
 
     def on_changes(self, advice: Advice) -> Advice | None:
         """Complete the keys in the advice of a method; None if the advice cannot be followed."""
@@ -147,18 +154,32 @@ class RunAdvisor:
         assert fitted is not None
         return fitted
 
-    def _is_accepted(self, names: tuple[str, ...]) -> bool:
-        changes = self._completed((also(names),))
-        if self._run.data.kind == "means":
-            return self._estimate_after(changes) is not None
-        return self._is_readable(changes)
-
     def _is_readable(self, changes: tuple[Change, ...]) -> bool:
         try:
             changed_run(self._run, changes)
         except InercalError:
             return False
         return True
+
+    def _undetermined(self, names: tuple[str, ...]) -> tuple[str, ...] | None:
+        """Return what a run with more coefficients does not determine, if known; else None.
+
+        Samples of a recording are not solved again.
+        """
+        if self._run.search is not None:
+            return ()
+        try:
+            changed = changed_run(self._run, self._completed((also(names),)))
+            run, inputs, _ = fit_over_temperatures(changed, self._fitted.inputs)
+            sensor, observations = inputs.sensor_of_samples(run.sensor), inputs.observations
+            run.method.require_determined(sensor, observations, run.priors)
+            if observations.track is not None:
+                return None
+            bench = self._fitted.bench
+            estimate = run.solver()(observations, sensor, bench, inputs.plan, run.priors)
+        except InercalError as error:
+            return error.names
+        return None if np.all(estimate.converged) else ()
 
     def _chi2_after(self, changes: tuple[Change, ...]) -> float | None:
         """Return χ² of the changed run; None if the run is refused."""

@@ -13,6 +13,7 @@ from inercal.calibration import Calibration
 from inercal.calibration.best_cause import also as also_change
 from inercal.calibration.best_cause import changes_text
 from inercal.calibration.check_standard import CHECK_STANDARD
+from inercal.calibration.detectability import wrong_latitude_sign
 from inercal.calibration.explanation import additions_text, doubtful_additions
 from inercal.calibration.verdict import verdict
 from inercal.estimation import Estimate
@@ -146,13 +147,20 @@ def _fitted(
         recorded=inputs.recording is not None,
         by_hand=run.method.unknown_attitudes,
     )
+    findings += tuple(wrong_latitude_sign(estimate, sensor, getattr(bench, "latitude", None)))
     findings = merge_findings(findings)
     if not np.all(estimate.converged):
+        largest = 0.1 * sensor.unit_scale
+        large = (np.abs(estimate.value) + estimate.std)[: len(largest)] > largest
+        free = tuple(np.array(sensor.coefficients)[large].tolist())
         text = "".join(f"; {finding.message}" for finding in findings if finding.what == "norm")
         sections = "rows" if inputs.recording is None else "marks"
+        if free:
+            text = f"; perhaps the plan does not determine {', '.join(free)}{text}"
         raise InputError(
             f"{run.path}: the fit did not converge; check the {sections} and the plan{text}",
             file=run.path,
+            names=free,
         )
     if not np.isfinite(estimate.covariance).all():
         raise InputError(

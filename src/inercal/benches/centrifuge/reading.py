@@ -30,6 +30,7 @@ from inercal.recordings.segments.dwells import ARM_RATE
 
 _AGREES = float(np.log(1.25))  # of the norms, in the right unit
 _POSSIBLE = float(np.log(2.0))  # error of a scale factor that is no wrong unit
+_IMPOSSIBLE = 30.0  # ratio of norms that no shift of a decimal point by one place explains
 _ALIKE = 0.03  # difference of two units' errors that decides nothing
 _CLEAR = 0.5  # ratio of the scatter of norms in two units that decides
 _LEAST = 1e-9  # m/s², instead of a norm of zero
@@ -53,7 +54,17 @@ def norm_refusal(
     rates = np.array([step.rate for step in steps])
     if not rates.size or bench.platform != "locked":
         return None  # on a counter-rotating platform the centripetal acceleration has no mean
-    return _refusal(run, bench, norms, rates, inputs.observations.labels)
+    labels = inputs.observations.labels
+    if (refusal := _refusal(run, bench, norms, rates, labels)) is not None:
+        return refusal
+    expected = np.hypot(bench.gravity.value, rates**2 * bench.radius.value)
+    k = int(np.argmax(norms / expected))
+    if norms[k] < _IMPOSSIBLE * expected[k]:
+        return None  # screening names smaller mistakes and what would correct them
+    column = int(np.argmax(np.abs(inputs.observations.mean[k, :triad])))
+    text = f"correct the reading of {run.sensor.select_axes('f').channels[column]}, whose decimal"
+    text = f"{_off(labels[k], norms[k], expected[k])}; {text} mark is lost"
+    return Finding("refused", "norm", text)
 
 
 def require_arm_units(
@@ -103,16 +114,20 @@ def _refusal(
         raise unit.error(run)
     k = int(np.argsort(ratios(1.0))[rates.size // 2])
     norm, expected = float(norms[k]), float(norms[k] / ratios(1.0)[k])
-    text = (
-        f"{labels[k] if labels else 'a sample'}: the norm of the readings is {norm:.4g} m/s², but "
-        f"gravity, [bench] radius and the rate give {expected:.4g} m/s²"
-    )
+    text = _off(labels[k] if labels else "a sample", norm, expected)
     finding = norm_finding(norm, expected, text, run.sensor.select_axes("f").axes[0].readout.unit)
     if finding is None or finding.severity != "refused":
         return None
     if left < _AGREES and alike and spread > _CLEAR * of_rates:
         return replace(finding, message=f"{finding.message}; or {unit.text} ({unit.key})")
     return finding
+
+
+def _off(label: str, norm: float, expected: float) -> str:
+    return (
+        f"{label}: the norm of the readings is {norm:.4g} m/s², but gravity, [bench] radius and "
+        f"the rate give {expected:.4g} m/s²"
+    )
 
 
 def _require_order(run: RunBase[CentrifugeData], bench: Centrifuge, inputs: EstimatorInput) -> None:

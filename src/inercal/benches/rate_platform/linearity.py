@@ -3,7 +3,8 @@
 The line y = c + K Ω is fitted by least squares with equal weights to all rests and rates about an
 axis (IEEE Std 528 and 952). If there are nonlinear terms, K differs from 1 + scale. The table also
 contains the covariance of the readings due to noise and to all stated errors of the bench, from
-which `inercal.benches.characteristics` finds the characteristics of the gyro. Rates up to 2 °/s, or
+which `inercal.benches.characteristics` finds the characteristics of the gyro. The effects of the
+gyro's coefficients for other inputs, such as its g-sensitivity, are removed. Rates up to 2 °/s, or
 up to 2 °/s beside a larger rate, are small inputs, which show threshold, dead band and resolution.
 
 A second table, the scale factor of each gyro at each speed, does not depend on the model. For a
@@ -12,9 +13,9 @@ speed that was measured in both senses in one setting (IEEE Std 952)::
     K = (y₊ − y₋) / (ω₊ − ω₋),   even part = (y₊ + y₋)/2 − K (ω₊ + ω₋)/2
 
 Here ω includes the vertical earth rate, and readings at the same rate are averaged. The even part
-consists of the bias, second-order nonlinearity and asymmetry. The standard deviations include the
-noise of the means and the errors of single dwells that the bench states. They do not include the
-scale error and the asymmetry of the bench's rates, which all speeds share.
+consists of the bias, g-sensitivity, second-order nonlinearity and asymmetry. The standard
+deviations include the noise of the means and the errors of single dwells that the bench states.
+They do not include the scale error and the asymmetry of the bench's rates, which all speeds share.
 """
 
 from collections.abc import Sequence
@@ -25,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
+from inercal.basics.keys import CoefficientName
 from inercal.benches.characteristics import Characteristic, error_covariance, table_characteristics
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.mean_motion import changes_of_rate
@@ -38,6 +40,7 @@ from inercal.benches.rate_platform.sections import (
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.benches.report_data import Columns, ReportInput
 from inercal.estimation.input_output_tests import InputOutput, line_residuals, scale_factor
+from inercal.physics.motion import Motion
 from inercal.physics.sensors import Axis, Sensor
 from inercal.recordings import Observations
 from inercal.recordings.data import RunBase
@@ -45,6 +48,7 @@ from inercal.recordings.temperature import temperature_varies
 
 _FEWEST = 3  # rates needed for a line with residuals
 _ALONG = 0.5  # cosine
+_OTHER_INPUTS = ("fi", "fp", "fo", "wp", "wo")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +89,7 @@ def straight_lines(
     declared = bench.nuisances(steps, sensor)
     noise = observations.full_covariance
     changes = changes_of_rate(steps)
+    design = sensor.design(Motion(motion.f, motion.w), np.zeros(len(sensor.coefficients)))
     fits: list[LineFit] = []
     for k, axis in enumerate(sensor.axes):
         if axis.measures != "w":
@@ -103,6 +108,12 @@ def straight_lines(
         at = [r * len(sensor.axes) + k for r in rows]
         slopes = {name: by @ along for name, by in motion.dw.items()}
         errors = error_covariance(slopes, declared, rows)
+        others = [
+            c
+            for c, name in enumerate(sensor.coefficients)
+            if CoefficientName(name).axis == axis.name
+            and sensor.coefficient(name).basis.uses(*_OTHER_INPUTS)
+        ]
         places = [(s.place, round(s.rate, 9)) for _, s in own]
         table = InputOutput(
             rate,
@@ -112,6 +123,7 @@ def straight_lines(
             np.sign([changes[r] * float(np.dot(s.up, along)) for r, s in own]),
             _numbers(places),
             _numbers([place for place, _ in places]),
+            design[rows, k][:, others] if others else None,
         )
         size = abs(scale_factor(table).value) * table.full_scale
         fits.append(LineFit(axis.name, table, sd / size, tuple(rows), stated[rows] @ along))

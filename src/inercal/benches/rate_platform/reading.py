@@ -36,6 +36,7 @@ from inercal.recordings.data.rest_marks import parse_face
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.mean_tables import observations_from_table, read_columns
+from inercal.recordings.io.rest_norm import rest_mean_finding
 from inercal.recordings.segments import average_sections, marks_from_labels
 
 _SHORTEST = 1.0  # s: a table does not reach a rate and hold it in less
@@ -53,6 +54,9 @@ def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
     result = _table(run) if run.data.kind == "means" else _recording(run)
     steps = [step for step in result.steps if isinstance(step, RateDwell | Pose)]
     _refuse_unused_errors(run, bench, steps)
+    still = [isinstance(step, Pose) or step.rate == 0 for step in steps]
+    odd = rest_mean_finding(result.observations.mean[still], run.sensor, bench.gravity.value)
+    findings = result.findings + recording_loader.require_not_refused(run.data.file, odd)
     require_rates(run, result.observations, bench, steps)
     require_axes_up(run, result.observations, bench, steps)
     found = gyro_characteristics(result.observations, run.sensor, bench, steps)
@@ -65,7 +69,9 @@ def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
     if banded := rows_of_bands(found):
         result = result.rows([row for row in range(len(steps)) if row not in banded])
         notes = (*notes, BAND_NOTE)
-    return replace(result, conditions=conditions, notes=notes, characteristics=found)
+    return replace(
+        result, findings=findings, conditions=conditions, notes=notes, characteristics=found
+    )
 
 
 def _refuse_unused_errors(

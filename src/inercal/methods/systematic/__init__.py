@@ -373,6 +373,7 @@ METHOD = Method(
     final_by_recording=True,
     frame=triangular_frame,
     remarks=remarks,
+    require_determined=require_determined,
     without_angles=True,
     triads_because="without angles of the table, only three gyros can carry the attitude",
     source="Camberlein and Mangeret; Savage 2000; generalised least squares (Aitken 1935)",

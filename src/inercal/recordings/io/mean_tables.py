@@ -21,7 +21,13 @@ from inercal.estimation.uncertainty.rounding import last_digit
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Axis, Sensor
 from inercal.recordings import Finding, Observations, ReadingSteps, add_rounding
-from inercal.recordings.io.column_table import TOO_LARGE, Table, shorten
+from inercal.recordings.io.column_table import (
+    DECIMAL_COMMA,
+    MIXED_MARKS,
+    TOO_LARGE,
+    Table,
+    shorten,
+)
 from inercal.recordings.io.read import Columns, read_table
 from inercal.recordings.rounding_errors import NOISY
 
@@ -311,6 +317,7 @@ def number_column(path: Path, table: Table, name: str, remedy: str) -> Array:
         except ValueError:
             word = bool(cell.strip())
             what = f": {shorten(cell)!r} is not a number" if word else " is empty"
+            remedy = f"{MIXED_MARKS}," if DECIMAL_COMMA.fullmatch(cell.strip()) else remedy
         raise InputError(
             f"{path} {table.place(k)}: column {name!r}{what}; {remedy} or remove the row",
             file=path,

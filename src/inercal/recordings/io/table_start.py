@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
+from inercal.recordings.io.column_table import DECIMAL_COMMA
 
 _ARRIVAL = re.compile(
     r"\s*(?:\[(?:[\d-]+[ T])?\d?\d:\d\d:\d\d(?:[.,]\d+)?\]\s*(?:->)?"
@@ -122,7 +123,6 @@ def _parse(line: str) -> tuple[Labels, list[str]]:
     return ((), []) if before.strip(" \t,;|") else (tuple(labels), numbers)
 
 
-_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _UNITS = re.compile(
     r"(deg\w*|rad\w*|dps|m/?\(?s.*|[uµ]t|gauss|counts?|raw|(un)?cal\w*|no.?units?|n/?a|-+|unix.*"
     r"|us|[uµm]?s|secs?|seconds?|millis\w*|micros\w*|°?c|celsius)",
@@ -225,4 +225,4 @@ def is_number(text: str) -> bool:
 
 def may_be_number(cell: str) -> bool:
     """Return whether a cell is a number, with a decimal point or a decimal comma."""
-    return is_number(cell) or bool(_DECIMAL_COMMA.fullmatch(cell))
+    return is_number(cell) or bool(DECIMAL_COMMA.fullmatch(cell))

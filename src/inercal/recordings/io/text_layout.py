@@ -17,12 +17,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from inercal.basics.errors import InputError
-from inercal.recordings.io.column_table import refuse_too_many_columns
+from inercal.recordings.io.column_table import DECIMAL_COMMA, refuse_too_many_columns
 from inercal.recordings.io.table_start import LineForm, find_line_form, is_number, table_start
 
 COMMENTS = "#%"
 _SNIFFED_LINES = 150  # that are examined; enough for a preamble, and to contain a decimal comma
-_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _SEPARATOR_LINE = re.compile(r"\"?sep=(.)\"?", re.IGNORECASE)
 _SHEET_ERROR = re.compile(r"#(?:DIV/0!|N/A|VALUE!|REF!|NAME\?|NUM!|NULL!)")
 _DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d*([eE][-+]?\d+)?")
@@ -317,7 +316,7 @@ def column_count_text(count: int) -> str:
 
 def _has_decimal_comma(table: list[list[str]]) -> bool:
     cells = [cell for row in table for cell in row]
-    return any(map(_DECIMAL_COMMA.fullmatch, cells)) and not any(
+    return any(map(DECIMAL_COMMA.fullmatch, cells)) and not any(
         map(_DECIMAL_POINT.fullmatch, cells)
     )
 
