@@ -1,0 +1,49 @@
+"""State how much later one kind of sensor is sampled than the others, among the conditions."""
+
+from collections.abc import Mapping
+
+from inercal.basics.errors import error_location
+from inercal.basics.units import Measured, format_quantity, parse_quantity
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.quantities import ANGULAR_RATE, QUANTITIES
+
+_DIGITS = 3  # of a delay that is printed without U
+
+
+def delay_condition(kind: str, delay: Measured) -> dict[str, str]:
+    """Return the condition that states a delay, s, of the sensors of one kind, with its U."""
+    size = format_quantity(delay.value, COVERAGE * delay.sd, "ms")
+    return {_name(kind): f"{size} (k = {COVERAGE:g})"}
+
+
+def stated_delays(conditions: Mapping[str, str]) -> dict[str, Measured]:
+    """Return the delays, s, among the conditions of a calibration, by kind.
+
+    Raises
+    ------
+    InputError
+        A delay is not a quantity.
+    """
+    found: dict[str, Measured] = {}
+    for kind in QUANTITIES:
+        if (text := conditions.get(_name(kind))) is not None:
+            with error_location(_name(kind)):
+                found[kind] = parse_quantity(text, "s")
+    return found
+
+
+def delay_words(kind: str, delay: Measured) -> str:
+    """Return a clause about a delay, s; without U if its sd is 0.
+
+    >>> delay_words("w", Measured(-0.79417, 8e-5))
+    "the gyros' samples are 794.17 ± 0.16 ms (k = 2) earlier than the accelerometers'"
+    """
+    size = format_quantity(abs(delay.value), COVERAGE * delay.sd, "ms", _DIGITS)
+    size += f" (k = {COVERAGE:g})" * (delay.sd > 0)
+    order = "later" if delay.value > 0 else "earlier"
+    others = "accelerometers" if kind == ANGULAR_RATE.symbol else "other sensors"
+    return f"the {QUANTITIES[kind].sensors}' samples are {size} {order} than the {others}'"
+
+
+def _name(kind: str) -> str:
+    return f"delay of the {QUANTITIES[kind].sensors}"
