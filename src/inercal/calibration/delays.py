@@ -32,6 +32,18 @@ def stated_delays(conditions: Mapping[str, str]) -> dict[str, Measured]:
     return found
 
 
+def significant_delays(conditions: Mapping[str, str]) -> dict[str, Measured]:
+    """Return the stated delays, s, that are larger than their U, by kind."""
+    stated = stated_delays(conditions)
+    return {kind: late for kind, late in stated.items() if abs(late.value) > COVERAGE * late.sd}
+
+
+def uncorrected_delays(conditions: Mapping[str, str]) -> list[str]:
+    """Return what a user must know if significant delays are not corrected."""
+    delays = significant_delays(conditions).items()
+    return [f"not corrected: {delay_words(kind, late)}" for kind, late in delays]
+
+
 def delay_words(kind: str, delay: Measured) -> str:
     """Return a clause about a delay, s; without U if its sd is 0.
 
