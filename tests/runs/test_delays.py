@@ -8,6 +8,7 @@ import pytest
 from tests import generated_logs as logs
 
 import inercal
+from inercal.basics.errors import NotObserved
 from inercal.basics.units import Measured
 from inercal.calibration import Calibration
 from inercal.calibration.delays import delay_condition, stated_delays, uncorrected_delays
@@ -70,25 +71,40 @@ def test_an_export_states_a_delay_that_it_does_not_correct():
     assert not uncorrected_delays(device(LATE, 0.02).conditions)
 
 
+def two_files(folder: Path, later: float) -> tuple[np.ndarray, np.ndarray]:
+    """Write a session with unequal rests whose gyro file begins `later`, and return times and rates, rad/s."""
+    log, rng = logs.by_hand(11, rests=16, still=5.5), np.random.default_rng(1)
+    shorter = rng.integers(0, 250, 16)
+    place = np.arange(len(log["t"])) % 650  # samples of a rest and the next turn
+    used = (log["rest"] < 0) | (place >= shorter[log["rest"]])
+    rate, t = np.radians(log["w"][used]), 0.01 * np.arange(used.sum())
+    kept, force = t >= later, log["f"][used] * logs.G
+    logs.write(folder / "log.csv", ("t", "fx", "fy", "fz"), [t, *force.T])
+    head = ("t", "wx", "wy", "wz")
+    logs.write(folder / "gyro.csv", head, [t[kept] - later, *rate[kept].T])
+    text = RUN.replace('time = "t"', 'time = "t"\ngyro_file = "gyro.csv"\ngyro_time = "t"')
+    (folder / "run.toml").write_text(text)
+    (folder / "stated.toml").write_text(f"{text}time_offset = true\n")
+    return t, rate
+
+
+@pytest.mark.slow
+def test_clocks_that_differ_by_more_than_the_rests_are_named_with_the_difference(tmp_path: Path):
+    two_files(tmp_path, 9.8)
+    with pytest.raises(NotObserved, match="the gyros' samples are 9.8 s earlier"):
+        calibrate_run(read(tmp_path / "run.toml"))
+
+
 @pytest.mark.slow
 def test_files_whose_clocks_start_at_their_own_zero_are_calibrated_and_corrected(tmp_path: Path):
-    log, later = logs.by_hand(11, rests=16), 0.63
-    t, rate = log["t"], np.radians(log["w"])
-    kept = t >= later
-    logs.write(tmp_path / "log.csv", ("t", "fx", "fy", "fz"), [t, *(log["f"] * logs.G).T])
-    head = ("t", "wx", "wy", "wz")
-    logs.write(tmp_path / "gyro.csv", head, [t[kept] - t[kept][0], *rate[kept].T])
-    own = 'time = "t"\ngyro_file = "gyro.csv"\ngyro_time = "t"'
-    text = RUN.replace('time = "t"', own)
-    (tmp_path / "run.toml").write_text(text)
-    (tmp_path / "stated.toml").write_text(f"{text}time_offset = true\n")
+    t, rate = two_files(tmp_path, 0.63)
     plain, stated = (
         calibrate_run(read(tmp_path / name), advise=False) for name in ("run.toml", "stated.toml")
     )
     assert "delay" in plain.verdict.warned
     assert "delay" not in stated.verdict.warned
     (found,) = stated_delays(stated.calibration.conditions).values()
-    assert found.value == pytest.approx(-t[kept][0], abs=4 * found.sd)
+    assert found.value == pytest.approx(-0.63, abs=4 * found.sd)
     zero = replace(stated.calibration, conditions=plain.calibration.conditions)
     off = []
     for one in (stated.calibration, zero):
