@@ -2,10 +2,9 @@
 
 from collections.abc import Mapping
 
-from inercal.basics.errors import error_location
 from inercal.basics.units import Measured, format_quantity, parse_quantity
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.physics.quantities import ANGULAR_RATE, QUANTITIES
+from inercal.physics.quantities import QUANTITIES
 
 _DIGITS = 3  # of a delay that is printed without U
 
@@ -17,19 +16,9 @@ def delay_condition(kind: str, delay: Measured) -> dict[str, str]:
 
 
 def stated_delays(conditions: Mapping[str, str]) -> dict[str, Measured]:
-    """Return the delays, s, among the conditions of a calibration, by kind.
-
-    Raises
-    ------
-    InputError
-        A delay is not a quantity.
-    """
-    found: dict[str, Measured] = {}
-    for kind in QUANTITIES:
-        if (text := conditions.get(_name(kind))) is not None:
-            with error_location(_name(kind)):
-                found[kind] = parse_quantity(text, "s")
-    return found
+    """Return the delays, s, among the conditions of a calibration, by kind."""
+    texts = {kind: conditions.get(_name(kind)) for kind in QUANTITIES}
+    return {kind: parse_quantity(text, "s") for kind, text in texts.items() if text}
 
 
 def significant_delays(conditions: Mapping[str, str]) -> dict[str, Measured]:
@@ -53,7 +42,7 @@ def delay_words(kind: str, delay: Measured) -> str:
     size = format_quantity(abs(delay.value), COVERAGE * delay.sd, "ms", _DIGITS)
     size += f" (k = {COVERAGE:g})" * (delay.sd > 0)
     order = "later" if delay.value > 0 else "earlier"
-    others = "accelerometers" if kind == ANGULAR_RATE.symbol else "other sensors"
+    others = "accelerometers" if kind == "w" else "other sensors"
     return f"the {QUANTITIES[kind].sensors}' samples are {size} {order} than the {others}'"
 
 

@@ -76,10 +76,10 @@ def with_magnetometers(
         row = np.array([row for row, _ in rests])
         found, moves = replace(found, rest=row[found.rest]), observations.transitions
         if moves is not None:
-            found = replace(found, pieces=average_pieces(own, sensor, moves, run.sensor, clipped))
-        findings = tuple(
-            one for one in (*railed, *own.findings, *lost) if one not in recording.findings
-        )
+            kept = own.take(~clipped)
+            found = replace(found, pieces=average_pieces(kept, sensor, moves, run.sensor))
+        told = (*railed, *own.findings, *lost)
+        findings = tuple(one for one in told if one not in recording.findings)
     require_earth_field(run, found)
     return replace(observations, magnetic=found), findings
 

@@ -79,7 +79,7 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
     if run.magnetometer is not None:
         own = recording_loader.load_magnetometers(run)
         clipped, railed = clipped_samples(own, run.magnetometer)
-        magnetic = magnetic_samples(own, run.magnetometer, clipped)
+        magnetic = magnetic_samples(own.take(~clipped), run.magnetometer)
         require_earth_field(run, magnetic)
         findings += tuple(one for one in (*railed, *own.findings) if one not in findings)
     observations = Observations(

@@ -39,7 +39,6 @@ from inercal.methods.magnetic_field.records import (
 )
 from inercal.methods.residuals import norm_residuals
 from inercal.physics.motion import Motion
-from inercal.physics.quantities import MAGNETIC_FLUX_DENSITY
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations
 from inercal.recordings.magnetic import MagneticReadings
@@ -107,9 +106,7 @@ def add_magnetometers(
     remarks = field_remarks(whole, found, stated)
     late = float(whole.value[whole.names.index(DELAY)]) if DELAY in whole.names else 0.0
     if abs(late) > _FAR_DELAY * DELAY_SD:  # the turn during the delay is no longer a small angle
-        text = (
-            f"{delay_words(MAGNETIC_FLUX_DENSITY.symbol, Measured(late, 0.0))}; correct the times"
-        )
+        text = f"{delay_words('m', Measured(late, 0.0))}; correct the times"
         remarks = remarks._replace(findings=(*remarks.findings, Finding("warning", "delay", text)))
     return whole, remarks
 

@@ -51,7 +51,6 @@ from inercal.methods.observability import require_observed
 from inercal.methods.residuals import norm_residuals
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.plan import HandSteps
-from inercal.physics.quantities import ANGULAR_RATE
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_words import coefficient_words
 from inercal.recordings import Finding, Observations
@@ -164,8 +163,6 @@ def _remarks(fit: Fit[Hand, Any]) -> Remarks:
     findings = g_sensitivity_findings(Rests(fit.observations, fit.sensor, fit.bench), fit.estimate)
     notes = tuple(one.message for one in findings)
     way = fit.observations.transitions
-    if not fit.time_offset and (way is None or len(way.rest) < _MIN_PASSAGES):
-        return Remarks(findings, notes)
     try:
         late = gyro_delay(fit.observations, fit.sensor, fit.estimate, fit.bench.gravity.value)
     except NotObserved:
@@ -173,13 +170,13 @@ def _remarks(fit: Fit[Hand, Any]) -> Remarks:
             raise
         return Remarks(findings, notes)
     if fit.time_offset:
-        words = delay_words(ANGULAR_RATE.symbol, late)
+        words = delay_words("w", late)
         note = f"{words[:1].upper()}{words[1:]}."
-        return Remarks(findings, (*notes, note), delay_condition(ANGULAR_RATE.symbol, late))
+        return Remarks(findings, (*notes, note), delay_condition("w", late))
     assert way is not None
     least = max(_LARGE_DELAY, _LARGE_DELAY_STEPS * float(np.median(np.diff(way.time))))
     if abs(late.value) > max(least, _SIGNIFICANT_DELAY * late.sd):
-        words = delay_words(ANGULAR_RATE.symbol, Measured(late.value, 0.0))
+        words = delay_words("w", Measured(late.value, 0.0))
         text = f"{words}; state [method] time_offset = true"
         findings += (Finding("warning", "delay", text),)
     return Remarks(findings, notes)
@@ -208,8 +205,6 @@ def gyro_delay(
     NotObserved
         There are too few transitions, or there was no useful rotation.
     """
-    from inercal.methods.multi_position._kernels import delay_sums  # loads Numba
-
     way = observations.transitions
     if way is None or len(way.rest) < _MIN_PASSAGES:
         count = 0 if way is None else len(way.rest)
@@ -218,6 +213,8 @@ def gyro_delay(
             f"the recording has {count}; record more turns, or remove time_offset",
             key="[method] time_offset",
         )
+    from inercal.methods.multi_position._kernels import delay_sums  # loads Numba
+
     force, c = sensor.select_axes("f"), estimate.value[: len(sensor.coefficients)]
     p, m = len(force.coefficients), len(force.axes)
     warmth = temperature.row_offsets(observations, sensor)

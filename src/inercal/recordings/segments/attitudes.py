@@ -125,7 +125,9 @@ def holds_from_marks(marks: Sequence[Mark]) -> tuple[Hold, ...]:
 
 
 def clock_difference(recording: Recording, sensor: Sensor) -> float:
-    """Return how much later the gyros show the motion than the accelerometers, s; 0 if unclear or below 1 s.
+    """Return how much later the gyros show the motion than the accelerometers, s.
+
+    The result is 0 below 1 s, or if it is not clear.
 
     The readings of a sensor at rest now and then change in time with the motion. The changes of the
     specific force and the integrals of the rate over the same short time are correlated.

@@ -133,11 +133,7 @@ def clipped_samples(
 
 
 def average_pieces(
-    recording: Recording,
-    sensor: Sensor,
-    moves: Transitions,
-    others: Sensor,
-    clipped: Bools | None = None,
+    recording: Recording, sensor: Sensor, moves: Transitions, others: Sensor
 ) -> MagneticPieces:
     """Return the means over pieces of 0.2 s of the motion between rests.
 
@@ -146,16 +142,15 @@ def average_pieces(
 
     Parameters
     ----------
-    recording, sensor, clipped
-        As for `average_magnetometers`; clipped samples are left out.
+    recording, sensor
+        As for `average_magnetometers`.
     moves : Transitions
         Motion between rests, with the readings of the axes of `others`.
     others : Sensor
         Accelerometers and gyros.
     """
     y = _si(recording, sensor)
-    fresh = new_value_rows(y)
-    new = np.flatnonzero(fresh if clipped is None else fresh & ~clipped)
+    new = np.flatnonzero(new_value_rows(y))
     time = recording.time[new]
     gyros = [k for k, axis in enumerate(others.axes) if axis.measures == "w"]
     rate = np.linalg.norm(others.to_si(moves.output)[:, gyros], axis=1)
@@ -182,10 +177,10 @@ def average_pieces(
     )
 
 
-def magnetic_samples(recording: Recording, sensor: Sensor, clipped: Bools) -> MagneticReadings:
+def magnetic_samples(recording: Recording, sensor: Sensor) -> MagneticReadings:
     """Return the new values of a whole recording as pieces of one motion, without rests."""
     y = _si(recording, sensor)
-    new, m = np.flatnonzero(new_value_rows(y) & ~clipped), len(sensor.axes)
+    new, m = np.flatnonzero(new_value_rows(y)), len(sensor.axes)
     if new.size < _FEWEST:
         raise InputError(
             f"{recording.source}: the magnetometers have {format_count(new.size, 'new value')}; at "
