@@ -62,7 +62,8 @@ def average_magnetometers(
     for k, (_, new) in enumerate(parts):
         why = ""
         if clipped is not None and clipped[new].any():
-            why = "an axis is at the end of its range"
+            channel = sensor.channels[int(np.abs(y[new]).max(axis=0).argmax())]
+            why = f"{channel} is at the end of its range"
         if new.size < _FRESH:
             why = f"the magnetometers have {'only one' if new.size else 'no'} new value there"
         elif (flaw := flawed[k]) is not None:
