@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from inercal.basics.units import Measured, format_quantity, parse_quantity
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.quantities import QUANTITIES
 
 _DIGITS = 3  # of a delay that is printed without U

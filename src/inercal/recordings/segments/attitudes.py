@@ -11,10 +11,11 @@ the wobble, and over a shorter part, the sway of the hand would not average out.
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from itertools import accumulate
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.physics.plan import Hold
 from inercal.physics.sensors import Sensor, nominal_inverse
@@ -135,10 +136,14 @@ def clock_difference(recording: Recording, sensor: Sensor) -> float:
     count = int(recording.duration / _CLOCK_STEP)
     if min(len(sensor.select_axes(kind).axes) for kind in "fw") < 3 or count < 4 * _CLOCK_CHANGE:
         return 0.0
-    grid, activity = recording.time[0] + _CLOCK_STEP * np.arange(count), list[Any]()
+    grid, activity = (
+        recording.time[0] + _CLOCK_STEP * np.arange(count),
+        list[NDArray[np.complex128]](),
+    )
     for kind in "fw":
         columns = [recording.channels.index(n) for n in sensor.select_axes(kind).channels]
-        x = np.stack([np.interp(grid, recording.time, y) for y in recording.data.T[columns]])
+        readings = [np.interp(grid, recording.time, recording.data[:, k]) for k in columns]
+        x: Array = np.stack(readings)
         if kind == "w":
             x = np.cumsum(x - np.median(x, axis=1, keepdims=True), axis=1)
         moved = np.linalg.norm(x[:, _CLOCK_CHANGE:] - x[:, :-_CLOCK_CHANGE], axis=0)
