@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from inercal.basics.units import Measured, format_quantity, parse_quantity
 from inercal.estimation.uncertainty import COVERAGE
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 
 _DIGITS = 3  # of a delay that is printed without U
 
@@ -15,13 +15,13 @@ def delay_condition(kind: str, delay: Measured) -> dict[str, str]:
     return {_name(kind): f"{size} (k = {COVERAGE:g})"}
 
 
-def stated_delays(conditions: Mapping[str, str]) -> dict[str, Measured]:
+def stated_delays(conditions: Mapping[str, str]) -> dict[Measures, Measured]:
     """Return the delays, s, among the conditions of a calibration, by kind."""
-    texts = {kind: conditions.get(_name(kind)) for kind in QUANTITIES}
+    texts = {kind: conditions.get(_name(kind)) for kind in KINDS}
     return {kind: parse_quantity(text, "s") for kind, text in texts.items() if text}
 
 
-def significant_delays(conditions: Mapping[str, str]) -> dict[str, Measured]:
+def significant_delays(conditions: Mapping[str, str]) -> dict[Measures, Measured]:
     """Return the stated delays, s, that are larger than their U, by kind."""
     stated = stated_delays(conditions)
     return {kind: late for kind, late in stated.items() if abs(late.value) > COVERAGE * late.sd}

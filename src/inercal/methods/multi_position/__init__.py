@@ -238,8 +238,9 @@ def gyro_delay(
         value += change
         if abs(change) <= _DELAY_TOLERANCE * sd:
             return Measured(float(value), float(sd))
-        rates = [np.interp(way.time + value, way.time, one) for one in way.output.T[m:]]
-        output = np.column_stack([way.output[:, :m], *rates])
+        output = way.output.copy()
+        for k in range(m, output.shape[1]):
+            output[:, k] = np.interp(way.time + value, way.time, way.output[:, k])
     raise NotObserved(
         "[method] time_offset: no delay of the gyros makes them agree with gravity during the "
         "turns; check the two clocks, or remove time_offset",

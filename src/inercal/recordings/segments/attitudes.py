@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.physics.plan import Hold
+from inercal.physics.quantities import INERTIAL
 from inercal.physics.sensors import Sensor, nominal_inverse
 from inercal.recordings import Finding, Mark, Observations, Recording, Transitions, sample_count
 
@@ -134,16 +135,16 @@ def clock_difference(recording: Recording, sensor: Sensor) -> float:
     specific force and the integrals of the rate over the same short time are correlated.
     """
     count = int(recording.duration / _CLOCK_STEP)
-    if min(len(sensor.select_axes(kind).axes) for kind in "fw") < 3 or count < 4 * _CLOCK_CHANGE:
+    if min(sensor.rank("f"), sensor.rank("w")) < len("xyz") or count < 4 * _CLOCK_CHANGE:
         return 0.0
-    grid, activity = (
-        recording.time[0] + _CLOCK_STEP * np.arange(count),
-        list[NDArray[np.complex128]](),
-    )
-    for kind in "fw":
-        columns = [recording.channels.index(n) for n in sensor.select_axes(kind).channels]
-        readings = [np.interp(grid, recording.time, recording.data[:, k]) for k in columns]
-        x: Array = np.stack(readings)
+    grid = recording.time[0] + _CLOCK_STEP * np.arange(count)
+    activity: list[NDArray[np.complex128]] = []
+    for kind in INERTIAL:
+        channels = sensor.select_axes(kind).channels
+        x: Array = np.empty((len(channels), count))
+        for row, name in zip(x, channels, strict=True):
+            readings = recording.data[:, recording.channels.index(name)]
+            row[:] = np.interp(grid, recording.time, readings)
         if kind == "w":
             x = np.cumsum(x - np.median(x, axis=1, keepdims=True), axis=1)
         moved = np.linalg.norm(x[:, _CLOCK_CHANGE:] - x[:, :-_CLOCK_CHANGE], axis=0)
