@@ -17,8 +17,11 @@ def delay_condition(kind: str, delay: Measured) -> dict[str, str]:
 
 def stated_delays(conditions: Mapping[str, str]) -> dict[Measures, Measured]:
     """Return the delays, s, among the conditions of a calibration, by kind."""
-    texts = {kind: conditions.get(_name(kind)) for kind in KINDS}
-    return {kind: parse_quantity(text, "s") for kind, text in texts.items() if text}
+    return {
+        kind: parse_quantity(text, "s")
+        for kind in KINDS
+        if (text := conditions.get(_name(kind))) is not None
+    }
 
 
 def significant_delays(conditions: Mapping[str, str]) -> dict[Measures, Measured]:
