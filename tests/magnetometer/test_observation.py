@@ -8,6 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tests.magnetometer.hand_recordings import Made, faces, recording, scattered
 from tests.magnetometer.hand_run_files import inputs, observed
 
+from inercal.recordings.magnetic import MagneticPieces
+
 NO_FIELD = {"sensor.magnetometer": None, "data.magnetometer": None}
 NO_GYROS = {"sensor.gyro": None, "data.gyro": None}
 SIX = {"method.name": '"six_position"', **NO_GYROS}
@@ -44,15 +46,19 @@ def test_other_axes_are_observed_as_if_there_were_no_magnetometers(tmp_path: Pat
     assert_array_equal(with_field.transitions.start, without.transitions.start)
 
 
+def assert_pieces_agree(pieces: MagneticPieces, made: Made) -> None:
+    true = [np.interp(pieces.time, made.time, x) for x in made.true_field.T]
+    z = (1e6 * pieces.mean - np.column_stack(true)) * np.sqrt(pieces.samples)[:, None] / 0.5
+    assert 0.9 < np.sqrt(np.mean(z**2)) < 1.1
+
+
 def test_pieces_of_motion_agree_with_the_true_field(tmp_path: Path, made: Made):
     made.write(tmp_path / "log.csv")
     found = observed(tmp_path).magnetic
     assert found is not None
     assert found.pieces is not None
     pieces = found.pieces
-    true = [np.interp(pieces.time, made.time, x) for x in made.true_field.T]
-    z = (1e6 * pieces.mean - np.column_stack(true)) * np.sqrt(pieces.samples)[:, None] / 0.5
-    assert 0.9 < np.sqrt(np.mean(z**2)) < 1.1
+    assert_pieces_agree(pieces, made)
     assert set(pieces.transition.tolist()) == set(range(23))
 
 
@@ -140,3 +146,19 @@ def test_a_rest_with_a_saturated_axis_is_left_out(tmp_path: Path, made: Made):
     assert beyond
     assert not beyond & set(magnetic.rest.tolist())
     assert len(lost) == 24 - len(magnetic.rest)
+    assert [one.what for one in found.findings].count("saturation") == 1
+    assert_pieces_agree(magnetic.pieces, made)
+    assert (1e6 * magnetic.pieces.mean[:, 0] < high - 1e-6).all()
+
+
+def test_saturated_samples_of_a_motion_without_rests_are_left_out(tmp_path: Path, made: Made):
+    ended = np.minimum(made.field, np.quantile(made.field, 0.85, axis=0))
+    Made(made.time, made.force, made.rate, ended, made.true_field, made.rest).write(
+        tmp_path / "log.csv"
+    )
+    still = {"bench.gravity": None}
+    found = inputs(tmp_path, {"method.name": '"field_and_rates"', **still})
+    assert "saturation" in [one.what for one in found.findings]
+    pieces = found.observations.magnetic.pieces
+    assert (1e6 * pieces.mean < ended.max(axis=0) - 1e-6).all()
+    assert len(pieces.time) > 100

@@ -155,6 +155,17 @@ def test_a_field_that_is_stated_wrong_gives_reservations(
     assert not warned or outcome.verdict.grade == "reservations"
 
 
+@pytest.mark.slow
+def test_magnetometers_whose_times_are_far_off_are_named(tmp_path: Path, made: Made):
+    field = np.roll(made.field, round(0.15 / float(np.median(np.diff(made.time)))), axis=0)
+    parts = (made.time, made.force, made.rate, field, made.true_field, made.rest)
+    Made(*parts).write(tmp_path / "log.csv")
+    stated = {"bench.gravity": '"9.81 m/s² ± 0.1 mm/s²"'}
+    outcome = calibrate_run(read(run_file(tmp_path, stated)), advise=False)
+    assert "delay" in outcome.verdict.warned
+    assert outcome.verdict.grade != "consistent"
+
+
 @pytest.mark.parametrize(
     ("changes", "sign"),
     [

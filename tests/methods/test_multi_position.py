@@ -26,8 +26,10 @@ from tests.base_seeds import evidence
 from inercal.basics.errors import NotObserved
 from inercal.basics.units import Measured
 from inercal.benches import Hand
+from inercal.calibration.delays import stated_delays
 from inercal.estimation import Gaussian
 from inercal.estimation.residual_scatter import ScatterModel
+from inercal.methods import Fit
 from inercal.methods.multi_position import (
     METHOD,
     g_sensitivity_findings,
@@ -59,9 +61,9 @@ def whole(*also: str) -> Sensor:
     return METHOD.prepare(imu(), also=also)
 
 
-def observed(made: Handheld, sensor: Sensor) -> Observations:
+def observed(made: Handheld, sensor: Sensor, inside: int = INSIDE) -> Observations:
     """Return the first trial's rests and, where there are gyros, the transitions between them."""
-    marks = [Mark(f"r{k:02d}", a + INSIDE, b - INSIDE) for k, (a, b) in enumerate(made.rests)]
+    marks = [Mark(f"r{k:02d}", a + inside, b - inside) for k, (a, b) in enumerate(made.rests)]
     steps = METHOD.plan(positions=max(len(marks), 9))
     steps = [replace(step, label=mark.label) for step, mark in zip(steps, marks, strict=False)]
     m = len(sensor.axes)
@@ -417,6 +419,22 @@ def test_the_gyros_delay_is_found_and_none_where_there_is_none(
     found = gyro_delay(seen, sensor, joint(seen, sensor, BENCH, ()), SESSION.gravity)
     assert found.value == pytest.approx(late, abs=4 * found.sd)
     assert found.sd < known
+
+
+@pytest.mark.parametrize("late", [-1.4, evidence(-0.794), 0.25, 0.004])
+def test_any_delay_shorter_than_the_rests_is_found_and_a_large_one_is_a_warning(late: float):
+    rng, sensor = np.random.default_rng(95), whole("g")
+    hand = replace(SESSION, positions=14, delay=late, arm=0.05, hold_seconds=5.0)
+    made = record(mems(rng), hand, rng)
+    seen = observed(made, sensor, inside=INSIDE + round(100 * abs(late)))
+    estimate = joint(seen, sensor, BENCH, ())
+    fit = Fit("joint", sensor, BENCH, seen, (), (), estimate)
+    assert [one.what for one in METHOD.remarks(fit).findings] == ["delay"] * (late != 0.004)
+    stated = METHOD.remarks(replace(fit, time_offset=True))
+    assert not stated.findings
+    (found,) = stated_delays(stated.conditions).values()
+    assert found.value == pytest.approx(late, abs=4 * found.sd)
+    assert found.sd < 0.005
 
 
 @pytest.mark.parametrize("also", [(), ("g",)])

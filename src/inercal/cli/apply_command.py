@@ -97,6 +97,7 @@ def run(
             write_recording(written, out)
     warnings = unreliable_text(calibration)
     warnings += [f.message for f in corrected.findings if f.severity == "warning"]
+    moved = [f.message for f in corrected.findings if f.what == "delay"]
     if left_out:
         warnings.append(
             f"not written, because no message has a field for it: {', '.join(left_out)}"
@@ -111,13 +112,14 @@ def run(
                 "recording": str(out),
                 "samples": int(corrected.time.size),
                 "extrapolated": count,
+                "moved": moved,
                 "warnings": warnings,
             }
         )
     else:
         units = ", ".join(dict.fromkeys(corrected.units))
         print(f"wrote {out}: {corrected.time.size} samples in {units}")
-        for text in assumed_zero_texts(calibration):
+        for text in (*moved, *assumed_zero_texts(calibration)):
             print(text)
         if not calibration.states_uncertainty:
             print_lines(calibration.notes, "· ")
@@ -214,12 +216,14 @@ def _apply_stream(
     extrapolate: bool,
 ) -> None:
     """Correct samples until the source ends or Ctrl-C is pressed, and print a summary."""
+    from inercal.calibration.delays import uncorrected_delays
     from inercal.host.correction import open_correction
 
     correction = open_correction(
         calibration, run, source, to=to, form=form, extrapolate=extrapolate, tell=report_line
     )
-    for text in (*unreliable_text(calibration), *assumed_zero_texts(calibration)):
+    late = uncorrected_delays(calibration.conditions)
+    for text in (*unreliable_text(calibration), *late, *assumed_zero_texts(calibration)):
         report_line(text)
     with _interrupts_stop(correction):
         report_line(str(correction.run()))

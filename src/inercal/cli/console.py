@@ -200,6 +200,7 @@ def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
 
 def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     """Print the coefficients with U (k = 2), and error/u if the truth is known."""
+    from inercal.calibration.delays import delay_words, significant_delays, stated_delays
     from inercal.calibration.display import coefficient_lines, title
     from inercal.pipeline.outcome import true_coefficients
 
@@ -212,6 +213,9 @@ def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     error = (">error / u",) if truth else ()
     heads = ("coefficient", "meaning", ">value", ">U (k = 2)", "unit", *error)
     print_table(heads, rows, title=title(calibration), section=axis_of)
+    delays = stated_delays(calibration.conditions)
+    for kind in delays if "w" in delays else significant_delays(calibration.conditions):
+        print_line(f"Delay: {delay_words(kind, delays[kind])}.")
     print_lines(calibration.conformity_lines, whole=True)
 
 

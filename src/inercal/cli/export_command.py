@@ -77,6 +77,7 @@ def run(
     json: Json = False,
 ) -> None:
     """Write a calibration for another program or device, and print the error of the export."""
+    from inercal.calibration.delays import uncorrected_delays
     from inercal.calibration.files import load
     from inercal.export import TARGETS, export_calibration, identifier
 
@@ -111,7 +112,8 @@ def run(
     plain = identifier(name) if name else name
     renamed = "" if plain == name else f"the name {name!r} is written as {plain}"
     left_out = f"not in this file: {made.left_out}" if made.left_out else ""
-    for line in filter(None, (renamed, left_out, made.unmeasured, *cost_lines(made))):
+    late = uncorrected_delays(calibration.conditions)
+    for line in filter(None, (renamed, left_out, *late, made.unmeasured, *cost_lines(made))):
         print(line)
     print(f"wrote {path}")
 

@@ -10,6 +10,7 @@ import numpy as np
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.basics.visible_text import visible_text
 from inercal.calibration import Calibration
+from inercal.calibration.delays import uncorrected_delays
 from inercal.calibration.files import OUTDATED, calibration_object
 from inercal.export.cost import Cost, Loss, Samples
 from inercal.export.model import UNMEASURED, ExportModel
@@ -82,6 +83,7 @@ def header_lines(
     if refitted:
         lines.append("the linear terms are a least-squares fit over the range below (refit)")
     lines += [f"NOT in this file: {left_out}"] if left_out else []
+    lines += uncorrected_delays(model.calibration.conditions)
     lines += [_loss_text(one) for one in losses] or [
         "the target includes every coefficient of the calibration"
         + " of these axes" * bool(left_out)

@@ -236,7 +236,7 @@ def shared_errors(
     """
     declared = {q.name: q for q in run.bench.parameters}
     shared = list(qualified_errors(run, estimate, expected, count))
-    for name, q in expected.items():
+    for name, q in {**expected, **_magnetic_field(run, estimate)}.items():
         # A reader may declare more parameters than the bench of the run, such as a latitude with
         # its uncertainty.
         if q.scope != "run" or q.sd <= 0 or declared.get(q.name, q) != q:
@@ -248,8 +248,22 @@ def shared_errors(
         std = run.bench.gravity.sd if q.name == _GRAVITY else q.sd
         if sensitivity is not None and std > 0:
             column = sensitivity[:count] * std**2
-            shared.append(SharedError(name, q.unit, std, column, _determination(run, q, std)))
+            shown = q.name if name == "strength" else name  # the key of the run file is "field"
+            shared.append(SharedError(shown, q.unit, std, column, _determination(run, q, std)))
     return tuple(shared)
+
+
+def _magnetic_field(run: Run, estimate: Estimate) -> dict[str, Parameter]:
+    """Return the stated strength and dip of the field, if the magnetometers depend on them.
+
+    The estimators of other sensors do not know them, so they are no nuisances of the bench.
+    """
+    stated = (("strength", "T", "field"), ("dip", "rad", "dip"))
+    return {
+        name: Parameter(key, unit, one.sd, "run", one.value)
+        for name, unit, key in stated
+        if name in estimate.names and (one := getattr(run.bench, key, None)) is not None
+    }
 
 
 def bench_estimates(

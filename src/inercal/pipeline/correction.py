@@ -11,6 +11,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
+from inercal.calibration.delays import delay_words, significant_delays
 from inercal.calibration.validity import READING_MARGIN, distance_outside, temperatures_outside
 from inercal.methods import METHODS
 from inercal.physics.quantities import QUANTITIES
@@ -147,6 +148,24 @@ def require_same_readout(calibration: Calibration, run: Run) -> None:
             )
 
 
+def _without_delays(calibration: Calibration, recording: Recording) -> Recording:
+    """Return the recording with the readings that belong to the time of each sample."""
+    if not (delays := significant_delays(calibration.conditions)):
+        return recording
+    time, findings, kept = recording.time, recording.findings, np.ones(len(recording.time), bool)
+    data = recording.data.copy()
+    for kind, late in delays.items():
+        at = time + late.value
+        after = np.searchsorted(time, at)
+        kept &= (at >= time[0]) & (at <= time[-1]) & ~np.isin(after, recording.gaps[:, 1])
+        for name in calibration.sensor.select_axes(kind).channels:
+            column = recording.channels.index(name)
+            data[..., column] = np.interp(at, time, recording.data[..., column])
+        text = f"{delay_words(kind, late)}: their readings are moved to the times of the others'"
+        findings += (Finding("note", "delay", text),)
+    return replace(replace(recording, data=data).take(kept), findings=findings)
+
+
 def apply(
     calibration: Calibration, run: Run | str | Path, *, extrapolate: bool = False
 ) -> Recording:
@@ -169,7 +188,10 @@ def apply(
         motion across them is assumed to be zero. If there are more than three, the columns
         "parity_f" and "parity_w" have the norm of what they read in addition to any motion. Labels
         and readback columns keep their names and units. If the calibration was made at constant
-        rates and a rate is outside their range, the recording has a finding about this.
+        rates and a rate is outside their range, the recording has a finding about this. If the
+        calibration states a delay of the gyros or magnetometers that is larger than its U, their
+        readings are interpolated at times later by the delay, samples for which there are none, at
+        an end or a gap, are left out, and a finding says so.
 
     Raises
     ------
@@ -184,6 +206,7 @@ def apply(
     if run.method.follows_rest and environment is not None and environment.lag is not None:
         recording = ahead_of_lag(recording, environment.lag.value)
     require_same_corrections(calibration, recording.kept_corrections, recording.source, run)
+    recording = _without_delays(calibration, recording)
     outside = np.zeros(0, dtype=np.bool_)
     if recording.temperature is not None:
         outside = temperatures_outside(

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from inercal.basics.errors import InercalError, InputError, NotObserved, error_location
-from inercal.basics.units import ZERO_CELSIUS, format_duration
+from inercal.basics.units import ZERO_CELSIUS, Measured, format_duration
 from inercal.benches import Bench
 from inercal.calibration import Calibration
 from inercal.calibration.best_cause import also as also_change
 from inercal.calibration.best_cause import changes_text
 from inercal.calibration.check_standard import CHECK_STANDARD
+from inercal.calibration.delays import delay_words
 from inercal.calibration.detectability import wrong_latitude_sign
 from inercal.calibration.explanation import additions_text, doubtful_additions
 from inercal.calibration.verdict import verdict
@@ -372,6 +373,12 @@ def _possible_causes(
     causes = [finding.message for finding in inputs.findings if finding.what == "missing"]
     if inputs.rests is not None:
         causes.append(inputs.rests.finding.message)
+        from inercal.recordings.segments.attitudes import clock_difference  # loads the kernels
+
+        assert inputs.recording is not None
+        if late := clock_difference(inputs.recording, sensor):
+            words = delay_words("w", Measured(late, 0.0))
+            causes.insert(0, f"{words}: correct one of the time columns by this difference")
     causes = [*(finding.message for finding in zero_rates), *causes]
     t = inputs.observations.temperature
     if t is not None and isinstance(error, NotObserved):

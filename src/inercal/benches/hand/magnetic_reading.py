@@ -23,7 +23,11 @@ from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.mean_tables import read_means
 from inercal.recordings.magnetic import MagneticReadings
 from inercal.recordings.segments.gravity_turns import sphere
-from inercal.recordings.segments.magnetic_means import average_magnetometers, average_pieces
+from inercal.recordings.segments.magnetic_means import (
+    average_magnetometers,
+    average_pieces,
+    clipped_samples,
+)
 
 
 def with_magnetometers(
@@ -66,12 +70,16 @@ def with_magnetometers(
                 run.path,
             )
         spans = [(recording.time[m.start], recording.time[m.stop - 1]) for _, m in rests]
-        found, lost = average_magnetometers(own, sensor, spans, [m.label for _, m in rests])
+        clipped, railed = clipped_samples(own, sensor, spans)
+        labels = [mark.label for _, mark in rests]
+        found, lost = average_magnetometers(own, sensor, spans, labels, clipped)
         row = np.array([row for row, _ in rests])
         found, moves = replace(found, rest=row[found.rest]), observations.transitions
         if moves is not None:
-            found = replace(found, pieces=average_pieces(own, sensor, moves, run.sensor))
-        findings = tuple(one for one in (*own.findings, *lost) if one not in recording.findings)
+            kept = own.take(~clipped)
+            found = replace(found, pieces=average_pieces(kept, sensor, moves, run.sensor))
+        told = (*railed, *own.findings, *lost)
+        findings = tuple(one for one in told if one not in recording.findings)
     require_earth_field(run, found)
     return replace(observations, magnetic=found), findings
 

@@ -29,7 +29,7 @@ from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.mean_tables import read_means
 from inercal.recordings.io.rest_norm import audit_rest_norm, rest_mean_finding
 from inercal.recordings.segments import RestDetection
-from inercal.recordings.segments.magnetic_means import magnetic_samples
+from inercal.recordings.segments.magnetic_means import clipped_samples, magnetic_samples
 from inercal.recordings.segments.motion_thresholds import WINDOW
 
 _CHAMBER_PAUSE = 60.0  # s; longer than a fault of a logger
@@ -78,9 +78,10 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
     findings, magnetic = recording.findings, None
     if run.magnetometer is not None:
         own = recording_loader.load_magnetometers(run)
-        magnetic = magnetic_samples(own, run.magnetometer)
+        clipped, railed = clipped_samples(own, run.magnetometer)
+        magnetic = magnetic_samples(own.take(~clipped), run.magnetometer)
         require_earth_field(run, magnetic)
-        findings += tuple(one for one in own.findings if one not in findings)
+        findings += tuple(one for one in (*railed, *own.findings) if one not in findings)
     observations = Observations(
         labels=(step.label,),
         mean=reading.mean(axis=0)[None],

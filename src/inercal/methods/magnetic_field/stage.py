@@ -18,8 +18,9 @@ from scipy.special import chdtr  # pyright: ignore[reportMissingTypeStubs]
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
-from inercal.basics.units import format_number, format_quantity
+from inercal.basics.units import Measured, format_number, format_quantity
 from inercal.benches import Hand
+from inercal.calibration.delays import delay_words
 from inercal.calibration.verdict import UNSEEN
 from inercal.estimation import Estimate, ResidualGroup, ScoreTestSet
 from inercal.estimation.lazy_value import LazyValue
@@ -36,6 +37,7 @@ from inercal.recordings import Finding, Observations
 from inercal.recordings.magnetic import MagneticReadings
 
 DELAY = "delay"
+_FAR_DELAY = 3  # DELAY_SD
 STATED_NOISE = "the noise stated in [sensor.magnetometer]"
 _OWN = ("dip", "strength")
 _FAR_SCALE = 0.1  # mean scale-factor error of three axes; usual magnetometers are within 5 %
@@ -94,7 +96,12 @@ def add_magnetometers(
     if seen.noise.any():
         ratio = _stated_variances(fit, seen, field) / np.diagonal(seen.noise)
         stated = STATED_NOISE * bool(np.any(ratio > LEAST_RATIO**2))
-    return whole, field_remarks(whole, found, stated)
+    remarks = field_remarks(whole, found, stated)
+    late = float(whole.value[whole.names.index(DELAY)]) if DELAY in whole.names else 0.0
+    if abs(late) > _FAR_DELAY * DELAY_SD:  # the turn during the delay is no longer a small angle
+        text = f"{delay_words('m', Measured(late, 0.0))}; correct the times"
+        remarks = remarks._replace(findings=(*remarks.findings, Finding("warning", "delay", text)))
+    return whole, remarks
 
 
 def field_remarks(estimate: Estimate, found: FieldFit, stated: str) -> Remarks:

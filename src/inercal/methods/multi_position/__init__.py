@@ -17,6 +17,7 @@ The gyros' delay relative to the accelerometers is estimated from the motion bet
 Gravity's direction u, propagated by the rate, obeys u̇ = u × ω. If the gyros lag by τ, so does u,
 and the specific force is ahead of g u by τ g u × ω. Each transition gives a value of τ. The hand's
 acceleration disturbs each value independently, so the scatter of the values gives the uncertainty.
+The gyros' samples are then moved by the mean of τ, and τ is estimated again until it is near zero.
 
 The advice names attitudes that would improve a result.
 
@@ -36,6 +37,7 @@ from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.run_file_advice import Change
 from inercal.basics.units import Measured, format_value_and_uncertainty
 from inercal.benches import Hand
+from inercal.calibration.delays import delay_condition, delay_words
 from inercal.calibration.verdict import OPPOSITE_SIGN
 from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
@@ -59,6 +61,9 @@ _SHARED = ("g", "timebase")  # parameters of the bench whose errors all coeffici
 _TEST_LEVEL = 1e-3  # probability of a false finding if the gyros are not sensitive to g
 _REVERSAL_SD = 0.05  # relative; a reversed sign disturbs the other estimates by about this much
 _MIN_PASSAGES = 5  # transitions; with fewer, the scatter is too uncertain
+_LARGE_DELAY, _LARGE_DELAY_STEPS = 0.01, 2  # s and sampling intervals; filters delay by less
+_SIGNIFICANT_DELAY = 5  # u
+_DELAY_ROUNDS, _DELAY_TOLERANCE = 30, 0.1  # of the linear fit; tolerance in u
 _REVERSED = (
     "the gyros show the earth's rate with the opposite sign; check the signs of the accelerometer "
     "columns, of the gyro columns and of the latitude"
@@ -152,17 +157,29 @@ def _final_estimate(rests: Rests, last: stages.FitStage, priors: Priors) -> Esti
 
 
 def _remarks(fit: Fit[Hand, Any]) -> Remarks:
-    """Return the gyros' delay if the run file requests it."""
+    """Return the gyros' delay if the run file requests it, or a warning if it is large."""
     if not np.all(fit.estimate.converged):
         return Remarks()
     findings = g_sensitivity_findings(Rests(fit.observations, fit.sensor, fit.bench), fit.estimate)
-    if not fit.time_offset:
-        return Remarks(findings, tuple(one.message for one in findings))
-    late = gyro_delay(fit.observations, fit.sensor, fit.estimate, fit.bench.gravity.value)
-    text = f"{late.value * 1e3:+.2f} ± {2 * late.sd * 1e3:.2f} ms (k = 2)"
-    note = f"The gyros' samples are {text} later than the accelerometers'."
-    notes = (*(one.message for one in findings), note)
-    return Remarks(findings, notes, {"delay of the gyros": text})
+    notes = tuple(one.message for one in findings)
+    way = fit.observations.transitions
+    try:
+        late = gyro_delay(fit.observations, fit.sensor, fit.estimate, fit.bench.gravity.value)
+    except NotObserved:
+        if fit.time_offset:
+            raise
+        return Remarks(findings, notes)
+    if fit.time_offset:
+        words = delay_words("w", late)
+        note = f"{words[:1].upper()}{words[1:]}."
+        return Remarks(findings, (*notes, note), delay_condition("w", late))
+    assert way is not None
+    least = max(_LARGE_DELAY, _LARGE_DELAY_STEPS * float(np.median(np.diff(way.time))))
+    if abs(late.value) > max(least, _SIGNIFICANT_DELAY * late.sd):
+        words = delay_words("w", Measured(late.value, 0.0))
+        text = f"{words}; state [method] time_offset = true"
+        findings += (Finding("warning", "delay", text),)
+    return Remarks(findings, notes)
 
 
 def gyro_delay(
@@ -188,8 +205,6 @@ def gyro_delay(
     NotObserved
         There are too few transitions, or there was no useful rotation.
     """
-    from inercal.methods.multi_position._kernels import delay_sums  # loads Numba
-
     way = observations.transitions
     if way is None or len(way.rest) < _MIN_PASSAGES:
         count = 0 if way is None else len(way.rest)
@@ -198,25 +213,39 @@ def gyro_delay(
             f"the recording has {count}; record more turns, or remove time_offset",
             key="[method] time_offset",
         )
+    from inercal.methods.multi_position._kernels import delay_sums  # loads Numba
+
     force, c = sensor.select_axes("f"), estimate.value[: len(sensor.coefficients)]
     p, m = len(force.coefficients), len(force.axes)
     warmth = temperature.row_offsets(observations, sensor)
     up = norm_residuals(force, observations.mean[:, :m], c[:p], np.array([gravity]), dT=warmth).up
     model = inverse_model(sensor, c, float(np.mean(warmth)))
     ends = way.start, way.left, way.reached, way.stop
-    along, square = delay_sums(
-        way.time, way.output, ends, model.matrix, model.offset, up[way.rest], gravity
-    )
-    if not square.sum() > 0:
-        raise NotObserved(
-            "[method] time_offset needs turns about horizontal axes, but every turn is about "
-            "the vertical; record other turns, or remove time_offset",
-            key="[method] time_offset",
+    value, output, n = 0.0, way.output, len(way.rest)
+    for _ in range(_DELAY_ROUNDS):
+        along, square = delay_sums(
+            way.time, output, ends, model.matrix, model.offset, up[way.rest], gravity
         )
-    value = along.sum() / square.sum()
-    n = len(along)
-    left = along - value * square
-    return Measured(float(value), float(np.sqrt(n / (n - 1) * np.sum(left**2)) / square.sum()))
+        if not square.sum() > 0:
+            raise NotObserved(
+                "[method] time_offset needs turns about horizontal axes, but every turn is about "
+                "the vertical; record other turns, or remove time_offset",
+                key="[method] time_offset",
+            )
+        change = along.sum() / square.sum()
+        left = along - change * square
+        sd = np.sqrt(n / (n - 1) * np.sum(left**2)) / square.sum()
+        value += change
+        if abs(change) <= _DELAY_TOLERANCE * sd:
+            return Measured(float(value), float(sd))
+        output = way.output.copy()
+        for k in range(m, output.shape[1]):
+            output[:, k] = np.interp(way.time + value, way.time, way.output[:, k])
+    raise NotObserved(
+        "[method] time_offset: no delay of the gyros makes them agree with gravity during the "
+        "turns; check the two clocks, or remove time_offset",
+        key="[method] time_offset",
+    )
 
 
 def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:

@@ -13,12 +13,18 @@ from collections.abc import Iterator, Sequence
 from itertools import accumulate
 
 import numpy as np
+from numpy.typing import NDArray
 
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.physics.plan import Hold
+from inercal.physics.quantities import INERTIAL
 from inercal.physics.sensors import Sensor, nominal_inverse
 from inercal.recordings import Finding, Mark, Observations, Recording, Transitions, sample_count
 
+# For a difference of two clocks: step in s, steps of a change, its largest size (quantile), and the
+# ratio of the agreement to that of all differences that are more than 1 s (50 steps) away.
+_CLOCK_STEP, _CLOCK_CHANGE, _CLOCK_LEVEL, _CLOCK_CLEAR, _CLOCK_WIDTH = 0.02, 20, 0.9, 1.5, 50
 INVALID_SAMPLES = ("saturation", "stuck")
 # Weighted part of a rest in s. A hand sways with a period of some 3 s. The noise of the weighted
 # part matters little because the mean rate of the rest contains it too.
@@ -118,6 +124,39 @@ def holds_from_observations(observations: Observations, sensor: Sensor) -> tuple
 def holds_from_marks(marks: Sequence[Mark]) -> tuple[Hold, ...]:
     """Return a hold for each mark, with a placeholder for its unknown attitude."""
     return tuple(Hold(mark.label, (0.0, 0.0, 1.0), 0.0) for mark in marks)
+
+
+def clock_difference(recording: Recording, sensor: Sensor) -> float:
+    """Return how much later the gyros show the motion than the accelerometers, s.
+
+    The result is 0 below 1 s, or if it is not clear.
+
+    The readings of a sensor at rest now and then change in time with the motion. The changes of the
+    specific force and the integrals of the rate over the same short time are correlated.
+    """
+    count = int(recording.duration / _CLOCK_STEP)
+    if min(sensor.rank("f"), sensor.rank("w")) < len("xyz") or count < 4 * _CLOCK_CHANGE:
+        return 0.0
+    grid = recording.time[0] + _CLOCK_STEP * np.arange(count)
+    activity: list[NDArray[np.complex128]] = []
+    for kind in INERTIAL:
+        channels = sensor.select_axes(kind).channels
+        x: Array = np.empty((len(channels), count))
+        for row, name in zip(x, channels, strict=True):
+            readings = recording.data[:, recording.channels.index(name)]
+            row[:] = np.interp(grid, recording.time, readings)
+        if kind == "w":
+            x = np.cumsum(x - np.median(x, axis=1, keepdims=True), axis=1)
+        moved = np.linalg.norm(x[:, _CLOCK_CHANGE:] - x[:, :-_CLOCK_CHANGE], axis=0)
+        moved = np.minimum(moved, np.quantile(moved, _CLOCK_LEVEL))
+        activity.append(np.fft.rfft(moved - moved.mean(), 2 * count))
+    agreement = np.fft.irfft(np.conj(activity[0]) * activity[1], 2 * count)
+    k = int(np.argmax(agreement))
+    others = np.roll(agreement, _CLOCK_WIDTH - k)[2 * _CLOCK_WIDTH :]
+    k -= 2 * count * (k > count)
+    if others.max() * _CLOCK_CLEAR > agreement[k] or abs(k) <= _CLOCK_WIDTH:
+        return 0.0  # for example if all rests have the same length
+    return _CLOCK_STEP * k
 
 
 def transitions_between_rests(

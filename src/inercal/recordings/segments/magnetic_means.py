@@ -11,13 +11,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Indices
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Recording, Transitions
+from inercal.recordings.io.repeated_values import rail_ranges
 from inercal.recordings.magnetic import MagneticPieces, MagneticReadings
-from inercal.recordings.segments.attitudes import range_findings
+from inercal.recordings.segments.attitudes import INVALID_SAMPLES, range_findings
 
 PIECE = 0.2  # s
 _TURNED = np.radians(2.5)  # the mean over a larger angle is shorter than the field, by 3e-4
@@ -31,6 +32,7 @@ def average_magnetometers(
     sensor: Sensor,
     spans: Sequence[tuple[float, float]],
     labels: Sequence[str],
+    clipped: Bools | None = None,
 ) -> tuple[MagneticReadings, tuple[Finding, ...]]:
     """Return the means over rests, with findings about the rests that are left out.
 
@@ -43,6 +45,8 @@ def average_magnetometers(
     spans : sequence of r (start, stop)
         Time of the first and of the last sample of each rest, s.
     labels : sequence of r str
+    clipped : (n,) array of bool, optional
+        Result of `clipped_samples`.
 
     Raises
     ------
@@ -53,11 +57,13 @@ def average_magnetometers(
     fresh = new_value_rows(y)
     flawed = range_findings(recording, sensor, [_rows(recording.time, span) for span in spans])
     parts = [_values(recording.time, fresh, span) for span in spans]
-    railed = _railed_rests(y, parts, sensor.channels)
     kept: list[int] = []
     lost: list[Finding] = []
     for k, (_, new) in enumerate(parts):
-        why = railed[k]
+        why = ""
+        if clipped is not None and clipped[new].any():
+            channel = sensor.channels[int(np.abs(y[new]).max(axis=0).argmax())]
+            why = f"{channel} is at the end of its range"
         if new.size < _FRESH:
             why = f"the magnetometers have {'only one' if new.size else 'no'} new value there"
         elif (flaw := flawed[k]) is not None:
@@ -89,6 +95,42 @@ def average_magnetometers(
         noise=noise + rounding,
         temperature=_kelvin(recording, [rows for rows, _ in used]),
     ), tuple(lost)
+
+
+def clipped_samples(
+    recording: Recording, sensor: Sensor, spans: Sequence[tuple[float, float]] = ()
+) -> tuple[Bools, tuple[Finding, ...]]:
+    """Return which samples cannot be used, (n,), and a warning if any is at an end of the range.
+
+    The extreme reading of an axis is the end of its range if it is constant in several rests, while
+    other axes change there. Without rests, its longest run decides (`rail_ranges`). Samples that
+    the audit found saturated or stuck are also not used. The arguments are those of
+    `average_magnetometers`.
+    """
+    y = _si(recording, sensor)
+    fresh, clipped = new_value_rows(y), np.zeros(len(y), dtype=np.bool_)
+    rests = [new for _, new in (_values(recording.time, fresh, span) for span in spans)]
+    for column in y.T:
+        ends = {float(column[fresh][start]) for start, _ in rail_ranges(column[fresh])}
+        if spans:
+            ends = {column.min(), column.max()}
+        for end in ends:
+            still = [new.size >= _FRESH and bool((column[new] == end).all()) for new in rests]
+            if not spans or sum(still) > 1:
+                # Another axis may reach the same end for a shorter time.
+                same = (np.abs(y) == abs(end)) & (np.abs(y).max(axis=0) <= abs(end))
+                clipped |= (column == end) | same.any(axis=1)
+    own = [one for one in recording.findings if one.channel in sensor.channels]
+    for one in own:
+        clipped[one.start : one.stop] |= one.what == "saturation"
+    share = float(clipped.mean())
+    for one in own:
+        clipped[one.start : one.stop] |= one.what in INVALID_SAMPLES
+    text = (
+        f"the magnetometers are at an end of their range in {100 * share:.2g} % of the samples, "
+        "which are not used; record with a larger range"
+    )
+    return clipped, (Finding("warning", "saturation", text),) * (share > 0)
 
 
 def average_pieces(
@@ -185,23 +227,6 @@ def _values(
     start, stop = _rows(time, span)
     new = start + np.flatnonzero(fresh[start:stop])
     return np.arange(new[0] if new.size else stop, stop), new
-
-
-def _railed_rests(
-    y: Array, parts: Sequence[tuple[Indices, Indices]], channels: Sequence[str]
-) -> list[str]:
-    """Return for each rest which axis stays at the end of its range; "" for none.
-
-    The extreme reading of an axis is the end of its range if it is constant in several rests, while
-    other axes change there.
-    """
-    found = [""] * len(parts)
-    for axis, channel in enumerate(channels):
-        for end in (y[:, axis].min(), y[:, axis].max()):
-            ends = [n.size >= _FRESH and bool((y[n, axis] == end).all()) for _, n in parts]
-            for k in np.flatnonzero(ends).tolist() if sum(ends) > 1 else ():
-                found[k] = f"{channel} stays at the end of its range"
-    return found
 
 
 def _rounding(y: Array, sd: Array) -> Array:
