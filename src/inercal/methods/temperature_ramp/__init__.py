@@ -31,7 +31,13 @@ from inercal.estimation import Estimate
 from inercal.methods import Fit, Method, Priors, Remarks
 from inercal.methods.temperature_ramp.blocks import RampBlocks
 from inercal.methods.temperature_ramp.node_fit import NodeProblem, fit_along_nodes
-from inercal.methods.temperature_ramp.ramp_fit import LAG, RampModel, fit_ramp, ramp_model
+from inercal.methods.temperature_ramp.ramp_fit import (
+    LAG,
+    WARM_UP_RATE,
+    RampModel,
+    fit_ramp,
+    ramp_model,
+)
 from inercal.methods.temperature_ramp.thermometer_steps import TRUNCATION
 from inercal.physics.plan import Hold
 from inercal.physics.sensors import Sensor
@@ -166,6 +172,11 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
     if LAG in model.nuisances:
         lag_sd = float(fit.estimate.std[model.names.index(LAG)])
         conditions["lag of the temperature"] = _lag_text(model.lag_of(x), lag_sd)
+    if model.warm_up:
+        at = model.names.index(WARM_UP_RATE)
+        drifts = bool(x[at] < 2 * fit.estimate.std[at])
+        time_constant = "none, a drift in time" if drifts else f"{1 / x[at]:.0f} s"
+        conditions["time constant of the warm-up"] = time_constant
     notes = list(_lag_notes(model, x, lag_sd))
     if blocks.step:
         conditions["step of the thermometer"] = f"{blocks.step:.3g} K"
