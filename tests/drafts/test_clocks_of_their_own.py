@@ -131,6 +131,26 @@ def test_rounded_stamps_state_the_mean_rate():
     assert mean_step(exact) == 10.0
 
 
+@pytest.mark.parametrize("name", ["t_ms", "tick", "date"])
+@pytest.mark.parametrize("stated", [{}, {"data.time": "given"}])
+def test_a_rate_that_contradicts_the_times_is_refused(name: str, stated: dict[str, str]):
+    stamps = np.arange(1000) * 10.0
+    column: Any = stamps
+    if name == "date":
+        since = np.datetime64("2026-11-23T03:10:09") + stamps.astype("m8[ms]")
+        column = np.array([str(one) for one in since], dtype=np.str_)
+    table = Table((name,), {name: column}, "log.csv", "", 2, header=True)
+    roles = ColumnRoles({}, {"time": name}, units={"time": "ms"} if name == "t_ms" else {})
+    with pytest.raises(InputError) as caught:
+        clock_keys(table, roles, {"data.rate": "55 Hz", "data.time_unit": "ms"} | stated)
+    assert caught.value.key == "[data] rate"
+    keys = {one.key: one.value for one in clock_keys(table, roles, {"data.rate": "110 Hz"})[1]}
+    assert keys["time"] == name
+    if name == "tick" and not stated:  # its unit is unknown
+        only = clock_keys(table, roles, {"data.rate": "55 Hz"})[1]
+        assert [one.key for one in only] == ["rate"]
+
+
 def test_times_that_run_backwards_are_refused(tmp_path: Path):
     time = 0.02 * np.arange(3000)[::-1]
     force = np.random.default_rng(0).normal([0, 0, 9.8], 0.01, (3000, 3))
