@@ -311,6 +311,14 @@ def _refused(model: NoiseModel, cause: str) -> NoiseModel:
     return NoiseModel(model.selection, model.bins, model.drift, NoiseRefusal(REFUSED, cause))
 
 
+def _warm_up(one: ChannelSummary, model: NoiseModel) -> float:
+    """Return by how much a warm-up, not a random walk, changes the bias; 0 if there is none."""
+    fit = model.selection.fit
+    if "K" not in fit.symbols or one.low_values is None or model.drift is not None:
+        return 0.0
+    return warm_up_size(one.low_values, one.spectra, model.bins, fit)
+
+
 def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -> ChannelNoise:
     """Determine the noise of a channel from its summary.
 
@@ -332,8 +340,7 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
             selection, bins, one.octaves, one.quantity, used, one.longest
         )
         remarks = undetermined(selection, one.longest * one.dt)
-    if "K" in selection.fit.symbols and one.low_values is not None and model.drift is None:
-        if size := warm_up_size(one.low_values, one.spectra, bins, selection.fit):
+        if size := _warm_up(one, model):
             text = format_quantity(abs(size), 0.0, SHOWN_UNIT[one.quantity], 2)
             remarks.append(
                 f"the bias moves one way by {text}, which explains K better than a random walk: "
