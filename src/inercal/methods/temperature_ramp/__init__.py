@@ -45,6 +45,7 @@ from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.recordings import Finding, Observations
 from inercal.recordings.environment import Environment
 from inercal.recordings.environment.soaks import with_temperature_shift
+from inercal.recordings.temperature import FOUND_LAG
 
 _STRONG = 0.9  # correlation between temperature and time
 _BINS = 20  # number of temperature bins in which rising and falling are compared
@@ -171,7 +172,7 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
     lag_sd = 0.0
     if LAG in model.nuisances:
         lag_sd = float(fit.estimate.std[model.names.index(LAG)])
-        conditions["lag of the temperature"] = _lag_text(model.lag_of(x), lag_sd)
+        conditions[FOUND_LAG] = _lag_text(model.lag_of(x), lag_sd)
     if model.warm_up:
         at = model.names.index(WARM_UP_RATE)
         drifts = bool(x[at] < 2 * fit.estimate.std[at])
@@ -236,9 +237,9 @@ def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:
     if LAG in model.nuisances:
         r = lag_and_rate_correlation(blocks, model.slope(x, k), model.whitening[k])
         lag = (
-            f"The recorded temperature lags the sensing element by "
-            f"{_lag_text(model.lag_of(x), lag_sd)}. The correlation of this lag with a term of "
-            f"dT/dt is {r:+.4f}, so only one of the two is estimated."
+            f"The recorded temperature {'lags' if model.lag_of(x) > 0 else 'leads'} the sensing "
+            f"element by {_lag_text(abs(model.lag_of(x)), lag_sd)}. The correlation of this lag "
+            f"with a term of dT/dt is {r:+.4f}, so only one of the two is estimated."
         )
         error = f"an error of the lag by its u shifts b(T) by {shift * lag_sd:.2g} {unit}"
     else:

@@ -44,10 +44,12 @@ from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.recordings import Observations
 from inercal.recordings.environment import Environment
+from inercal.recordings.temperature import first_order_response
 
 LAG = "lag"
 WARM_UP_RATE = "warm_up_rate"  # 1/τ
 _LONGEST = 0.5  # of the recording's duration; a slower warm-up is a drift
+_STEP = 0.01  # s, of the lag in derivatives
 _STRAIGHT = 1e-6  # L/τ, of a drift that is linear in time
 _TRIED = 40  # number of time constants
 WIDEST_LAG = 300.0  # s, standard deviation of the lag if it is not stated
@@ -94,14 +96,19 @@ class RampModel(NamedTuple):
 
     def temperature_offset(self, x: Array) -> Array:
         """Return ΔT of the sensing element in the blocks, (b,) K."""
-        kelvin, rate = self._course()
-        return kelvin + self.lag_of(x) * rate - self.sensor.reference_temperature
+        return self._of_element(*self._course(), self.lag_of(x)) - self.sensor.reference_temperature
 
     def node_effect(self, x: Array) -> Array:
         """Return the sensitivity of the block temperatures to the nodes, (b, k)."""
         course = self.blocks.course
         assert course is not None
-        return course.kelvin + self.lag_of(x) * course.rate
+        return self._of_element(course.kelvin, course.rate, self.lag_of(x))
+
+    def _of_element(self, kelvin: Array, rate: Array, lag: float) -> Array:
+        """Return the element's temperature; behind a low-pass filter if the thermometer leads."""
+        if lag >= 0:
+            return kelvin + lag * rate
+        return first_order_response(kelvin.T, -lag, self.blocks.seconds).T
 
     def _course(self) -> tuple[Array, Array]:
         """Return R and dR/dt in the blocks, (b,) K and K/s."""
@@ -155,7 +162,9 @@ class RampModel(NamedTuple):
             jacobian, slope = self._of_axis(x, k)
             residuals.append(whitening @ (self.blocks.reading[:, k] - jacobian @ x))
             if LAG in self.nuisances:
-                jacobian[:, self.names.index(LAG)] = slope * self._course()[1]
+                lag, course = self.lag_of(x), self._course()
+                later, earlier = (self._of_element(*course, lag + by) for by in (_STEP, -_STEP))
+                jacobian[:, self.names.index(LAG)] = slope * (later - earlier) / (2 * _STEP)
             if self.warm_up:
                 at = self.names.index(WARM_UP_RATE)
                 size = x[self.names.index(f"warm_up[{self.sensor.axes[k].name}]")]
