@@ -18,14 +18,14 @@ Findings and notes state the lag, the direction, hysteresis and drift, and which
 separated for accelerometers.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.units import ZERO_CELSIUS
+from inercal.basics.units import ZERO_CELSIUS, format_quantity
 from inercal.benches import Hand
 from inercal.estimation import Estimate
 from inercal.methods import Fit, Method, Priors, Remarks
@@ -36,6 +36,7 @@ from inercal.methods.temperature_ramp.ramp_fit import (
     WARM_UP_RATE,
     RampModel,
     fit_ramp,
+    loop_shape,
     ramp_model,
 )
 from inercal.methods.temperature_ramp.thermometer_steps import TRUNCATION
@@ -47,6 +48,7 @@ from inercal.recordings.environment import Environment
 from inercal.recordings.environment.soaks import with_temperature_shift
 from inercal.recordings.temperature import FOUND_LAG
 
+_SURE = 4.0  # standard deviations of a loop that is reported
 _STRONG = 0.9  # correlation between temperature and time
 _BINS = 20  # number of temperature bins in which rising and falling are compared
 
@@ -182,10 +184,10 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
     if blocks.step:
         conditions["step of the thermometer"] = f"{blocks.step:.3g} K"
         notes += _step_notes(model, fit.environment)
-    if loops:
+    if sizes := list(_loop_uncertainties(model, x)):
         notes.append(
-            "Hysteresis between rising and falling temperature is not corrected. Half the loop "
-            "(see the conditions), divided by √3, must be added to u whenever the sensor is used."
+            "Hysteresis between rising and falling temperature is not corrected. Whenever the "
+            f"sensor is used, add half the loop, divided by √3, to u: {', '.join(sizes)}."
         )
     if sensor.select_axes("f").axes:
         notes.append(
@@ -224,6 +226,17 @@ def _loop_conditions(model: RampModel, x: Array) -> dict[str, str]:
                 f"{one.half[k] / size:+.3g} {unit} at {one.kelvin[k] - ZERO_CELSIUS:.1f} °C"
             )
     return found
+
+
+def _loop_uncertainties(model: RampModel, x: Array) -> Iterator[str]:
+    """Yield the uncertainty due to hysteresis of each axis whose residuals show a loop."""
+    residual = model.residual(x)
+    for k, one in enumerate(hysteresis(model, x)):
+        shape = model.whitening[k] @ loop_shape(model)
+        if abs(shape @ model.whitening[k] @ residual[:, k]) > _SURE * np.linalg.norm(shape):
+            u = float(np.abs(one.half).max(initial=0.0)) / np.sqrt(3)
+            unit = BIAS_UNITS[model.sensor.measures[one.axis]][1]
+            yield f"{format_quantity(u, 0.0, unit, 2)} for {one.axis}"
 
 
 def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:

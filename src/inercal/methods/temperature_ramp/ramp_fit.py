@@ -368,7 +368,9 @@ def _drift_candidates(model: RampModel) -> list[Candidate]:
     """Return candidates for a drift, linear in time, and for hysteresis over temperature."""
     time = model.blocks.time
     shape = (time - time.mean()) / max(float(np.ptp(time)), 1e-300)
-    loop = () if model.blocks.is_monotonic else ((HYSTERESIS, " over temperature", _loop(model)),)
+    loop = (
+        () if model.blocks.is_monotonic else ((HYSTERESIS, " over temperature", loop_shape(model)),)
+    )
     keys = () if model.warm_up or not loop else _warm_up_keys(_LONGEST * float(time[-1]))
     found: list[Candidate] = []
     for before, after, values in (("drift of ", "", shape), *loop):
@@ -382,7 +384,7 @@ def _drift_candidates(model: RampModel) -> list[Candidate]:
     return found
 
 
-def _loop(model: RampModel) -> Array:
+def loop_shape(model: RampModel) -> Array:
     """Return a loop that closes within a sixth of the range after a turn of the temperature, (b,).
 
     The bias retains a part of the last change: dz = (±1 − z) |dT|/ΔT.
