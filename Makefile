@@ -49,16 +49,17 @@ quick: $(INSTALLED)  ## the core's tests, in a minute
 # A test that fails is run once more, alone: that tells a fault from a machine that stood still.
 # Draws are seeded, so no number passes the second time.
 define run_tests
-	$(BIN)/python -m pytest -m "$(1) and not wall_time" $(ONE_MORE) tests $(2) || { [ $$? = 1 ] && \
+	$(BIN)/python -m pytest -m "$(1) and not wall_time" $(ONE_MORE) $(2) || { [ $$? = 1 ] && \
 	  $(BIN)/python -m pytest -m "$(1)" --last-failed --last-failed-no-failures none; }
 	$(BIN)/python -m pytest -m "$(1) and wall_time" tests/host
 endef
 
 test: $(INSTALLED)  ## all tests but the slow ones
-	$(call run_tests,not slow and not evidence,src)
+	$(call run_tests,not slow and not evidence,tests src)
 
-slow: $(INSTALLED)  ## the big Monte Carlo runs
-	$(call run_tests,slow and not evidence)
+# All of them take longer than a change should wait for: each commit draws its half.
+slow: $(INSTALLED)  ## half of the slow tests and Monte Carlo runs, drawn by the commit
+	$(call run_tests,slow and not evidence,tests --one-in 2)
 
 # Types take minutes of one core: with two, `make --jobs 2 check` runs the tests beside them.
 check: style types test  ## format, lint, types, layers, tests, doctests, examples
@@ -74,7 +75,7 @@ types: $(INSTALLED)
 bench: $(INSTALLED)  ## speed against a peer, measured in one run, and its page: on a machine that does nothing else
 	$(BIN)/python -m benchmarks --page
 
-evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, in full, and the longest tests: over an hour
+evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, in full, and all slow tests: hours
 	$(BIN)/python -m tests.evidence
 	$(BIN)/python -m tests.evidence.turntable_errors
 	$(BIN)/python -m tests.evidence.turntable_base
@@ -94,7 +95,7 @@ evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, 
 	$(BIN)/python -m tests.evidence.magnetometer
 	$(BIN)/python -m tests.evidence.prior
 	$(BIN)/python -m tests.evidence.peers
-	$(BIN)/python -m pytest -m evidence $(SIDE_BY_SIDE) tests
+	$(BIN)/python -m pytest -m "slow or evidence" $(SIDE_BY_SIDE) tests
 
 numbers: $(INSTALLED)  ## renew the record of all numbers of examples and studies, and print what changed most
 	$(BIN)/python -m tools.numbers --write

@@ -24,9 +24,8 @@ from inercal.basics.parallel import available_cores, open_tolerant_executor
 from inercal.fleet import results
 from inercal.fleet.batch import BatchDone, Work, compute_batch
 from inercal.fleet.calibration import SHORTEST_TASK, TASK_SECONDS, Counts, Scheduling
-from inercal.fleet.inputs import line_inputs
+from inercal.fleet.inputs import Version, line_inputs
 from inercal.fleet.line import Line, SensorRow, read_line
-from inercal.fleet.recordings import Version
 from inercal.fleet.time_limit import TimeLimit
 
 SENSORS, FEW, EACH = 2000, 50, 1667  # recordings, few of them, samples of each position

@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 from benchmarks import ROOT, Duration, Row, Skipped
 from benchmarks.start_up import processor_time
 from inercal.basics.parallel import available_cores
-from inercal.basics.parallel.process_executor import ProcessExecutor
+from inercal.basics.parallel.isolated_executor import ProcessExecutor
 
 REPEAT, OFTEN = 3, 8  # turns of commands, and of tasks
 TO_REACH = 1.7  # times as fast by two workers

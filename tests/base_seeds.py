@@ -1,4 +1,4 @@
-"""How much of a Monte Carlo or of a list of cases `make slow` takes; `make evidence` takes all."""
+"""How much of a Monte Carlo or a list of cases `make slow` draws from; evidence takes all."""
 
 from collections.abc import Collection, Iterable
 from typing import Any

@@ -9,6 +9,7 @@ import pytest
 from _pytest.doctest import DoctestModule
 from tests.array_approx import compare_arrays_at_once
 from tests.base_seeds import SEEDS
+from tests.drawn_share import draw, read_commit
 from tests.reports import report_file
 
 
@@ -17,6 +18,33 @@ def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest
     """Look for no doctests in tests: there are none, and to look takes as long as all else."""
     collectors = yield
     return [one for one in collectors if not isinstance(one, DoctestModule)]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option that takes a share of the tests."""
+    parser.addoption(
+        "--one-in",
+        type=int,
+        default=1,
+        metavar="N",
+        help="run one test function in N, drawn anew for each commit",
+    )
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    """State which share of the tests is drawn."""
+    one_in = config.getoption("one_in")
+    if one_in == 1:
+        return None
+    return f"tests: one function in {one_in}, drawn by commit {read_commit(config.rootpath)}"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what is not drawn."""
+    one_in = config.getoption("one_in")
+    if one_in > 1:
+        items[:], others = draw(items, one_in, read_commit(config.rootpath))
+        config.hook.pytest_deselected(items=others)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -9,7 +9,7 @@ import pytest
 CODE = """
 import numpy as np, scipy.linalg
 from threadpoolctl import threadpool_info, threadpool_limits
-from inercal.basics.blas_threads import with_one_thread
+from inercal.basics.process_settings import with_one_thread
 
 def threads():
     return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
@@ -23,6 +23,7 @@ print(threads(), inside(), threads())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("chosen", "inside"), [({}, "{1}"), ({"OMP_NUM_THREADS": "2"}, "{2}")])
 def test_threads_are_limited_for_the_call_alone(chosen: dict[str, str], inside: str):
     environment = {name: one for name, one in os.environ.items() if "NUM_THREADS" not in name}

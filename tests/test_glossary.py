@@ -4,6 +4,7 @@ import ast
 import re
 from pathlib import Path
 
+import pytest
 from tests.source_trees import source_trees
 
 from inercal.physics.glossary import find_term, glossary, glossary_markdown
@@ -75,6 +76,7 @@ def public_names() -> dict[str, str]:
     return names
 
 
+@pytest.mark.slow
 def test_no_banned_word_stands_in_a_public_name():
     found = {f"{name}, {where}" for name, where in public_names().items() if words(name) & BANNED}
     assert sorted(found) == []

@@ -80,6 +80,7 @@ def call(
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_a_read_only_installation_and_home_compile_nothing(package: Path, tmp_path: Path):
     home = tmp_path / "home"
     assert call(package, home, locked=(package, home)) == "1 0"

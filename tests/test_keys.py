@@ -22,7 +22,7 @@ OTHER_TEXT = {
     "export/readers.py",
     "basics/units/quantity.py",
     "host/web/app.py",
-    "runfile/filter_fields.py",
+    "runfile/filter_keys.py",
     # Columns of a log, "topic[1].field", and keys of a run file, "data.rate".
     "pipeline/drafts/__init__.py",
     "pipeline/drafts/column_names.py",
@@ -91,6 +91,7 @@ def _splits(tree: ast.AST) -> Iterator[int]:
                 pass
 
 
+@pytest.mark.slow
 def test_no_other_module_splits_keys() -> None:
     found = [
         f"{path}:{line}"

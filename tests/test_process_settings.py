@@ -25,6 +25,7 @@ print(gc.get_threshold()[0], faults())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     sys.platform != "linux" or not hasattr(ctypes.CDLL(None), "mallopt"), reason="no glibc here"
 )

@@ -11,7 +11,7 @@ from pint.util import UnitsContainer
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
-from inercal.basics.units.definitions import PREFIXES, UNITS, canonical_name, size_and_dimension
+from inercal.basics.units.expression import PREFIXES, UNITS, canonical_name, size_and_dimension
 
 PREFIXED = [prefix + name for name, unit in UNITS.items() for prefix in ("", *unit.prefixes)]
 
@@ -27,6 +27,7 @@ def registry() -> Any:
     return make(lines)
 
 
+@pytest.mark.slow
 def test_products_of_powers_have_the_size_and_dimension_that_pint_finds(registry: Any):
     rng = random.Random(0)
     for _ in range(2_000):

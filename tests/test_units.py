@@ -325,6 +325,7 @@ PIECES = [
 ]
 
 
+@pytest.mark.slow
 def test_junk_gives_a_quantity_or_one_line_of_refusal():
     rng = random.Random(1)
     refusals: list[str] = []

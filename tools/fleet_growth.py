@@ -20,10 +20,9 @@ from benchmarks.fleet import engine_cost
 import inercal
 from inercal.calibration.files import calibration_object, canonical_text
 from inercal.fleet import results
-from inercal.fleet.inputs import INSTALLED
+from inercal.fleet.inputs import ABSENT, INSTALLED
 from inercal.fleet.latest import enter_results
 from inercal.fleet.line import Line, SensorRow
-from inercal.fleet.recordings import ABSENT
 from inercal.laboratory.store import Register
 
 ROOT = Path(__file__).parents[1]

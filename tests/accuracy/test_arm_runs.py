@@ -85,6 +85,7 @@ def assert_consistent(kind: str, seed: int, trials: int) -> None:
     assert chi2 == pytest.approx(1, abs=4 * np.sqrt(2 / 51 / trials) + 0.04)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_arm_runs_scatter_as_stated(kind: str):
     assert_consistent(kind, 1, 4)

@@ -101,6 +101,7 @@ def placed(made: FerrarisSession, rate_hz: float) -> tuple[Mark, ...]:
     return tuple(one for one in marks if one.stop <= made.time.size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "sessions"), sampled(4, 10))
 @pytest.mark.parametrize(
     "changes",
@@ -126,6 +127,7 @@ def test_ordinary_ferraris_sessions_agree(seed: int, sessions: int, rate_hz: flo
 
 
 # Ten of 48, with all six orders of the axes and all eight sets of signs.
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [5, evidence(1)])
 def test_each_signed_permutation_of_gyros_disagrees_and_is_found(every: int):
     time, data, rests = held(3)
@@ -144,6 +146,7 @@ def test_each_mistake_is_named(seed: int, mistake: str):
     assert (found.agree, found.unique, found.changes) == (False, True, changes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.3, 0.5, 2.0])
 def test_a_scale_that_no_usable_gyro_has_is_found(scale: float):
     time, data, rests = held(1)
@@ -153,6 +156,7 @@ def test_a_scale_that_no_usable_gyro_has_is_found(scale: float):
     assert float(change.split()[-1]) == pytest.approx(1 / scale, rel=0.06)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.75, 1.3])
 def test_a_scale_that_can_be_calibrated_is_not_refused(scale: float):
     time, data, rests = held(1)
@@ -167,12 +171,14 @@ def test_left_handed_axes_are_found(both: Array):
     assert found.changes == judged(time, changed(data, np.eye(3), -np.eye(3)), rests).changes
 
 
+@pytest.mark.slow
 def test_gyros_that_read_none_of_the_moves_say_nothing():
     time, data, rests = held(5)
     data[:, 3:] = data[rests[0].start : rests[0].stop, 3:].mean(axis=0)
     assert judged(time, data, rests).agree is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mistake",
     chosen([*MISTAKES, "left-handed"], ["gz", "accelerometers exchanged", "left-handed"]),
@@ -206,6 +212,7 @@ def write(path: Path, time: Array, data: Array, names: str = "u,F1,F2,F3,R1,R2,R
     np.savetxt(path, table, fmt="%.9g", delimiter=",", header=names, comments="")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mistake", "column"), [("gz", "R3 is reversed"), evidence("az", "F3 is reversed")]
 )
@@ -218,6 +225,7 @@ def test_a_draft_says_why_columns_are_no_gyros(tmp_path: Path, mistake: str, col
     assert any(column in one for one in draft.facts)
 
 
+@pytest.mark.slow
 def test_a_draft_says_that_a_gyro_is_missing(tmp_path: Path):
     time, data, _ = held(6)
     write(tmp_path / "log.csv", time, data[:, :5], "u,F1,F2,F3,R1,R2")
@@ -225,6 +233,7 @@ def test_a_draft_says_that_a_gyro_is_missing(tmp_path: Path):
     assert any("R1 and R2" in one and "missing" in one for one in draft.facts)
 
 
+@pytest.mark.slow
 def test_a_draft_names_rows_without_numbers(tmp_path: Path):
     time, data, _ = held(6, rate_hz=50.0, positions=16)
     data[1498:1501, 1] = np.nan

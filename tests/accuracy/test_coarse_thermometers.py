@@ -66,6 +66,7 @@ def test_fine_thermometers_are_smoothed_and_coarse_ones_are_not(back: bool):
     assert blocks(WarmUp(step=1.0, back=back)).course is not None
 
 
+@pytest.mark.slow
 def test_whole_degrees_up_and_down_give_the_lag_to_a_second():
     warm = WarmUp(back=True, minutes=20.0, constant=300.0)
     off, u, terms = errors(fitted(warm, (1, 3)), warm)
@@ -86,12 +87,14 @@ def test_crossings_lie_on_the_course_within_their_uncertainty(refreshed: float):
     assert abs(off.mean()) < 3 / np.sqrt(off.size)
 
 
+@pytest.mark.slow
 def test_a_warm_up_that_has_become_one_exponential_is_known_as_such():
     for warm, expected in ((WarmUp(), False), (WarmUp(lost=300.0), True)):
         time, kelvin, _ = warm_ups.made(warm, np.random.default_rng(3))
         assert is_one_exponential(find_crossings(time, kelvin, 1.0)) == expected
 
 
+@pytest.mark.slow
 def test_whole_degrees_of_a_freezer_give_the_lag_and_the_coefficients(tmp_path: Path):
     for suffix in ("csv", "toml"):
         shutil.copy(report_file(f"05_freezer_whole_degrees.{suffix}"), tmp_path)
@@ -129,6 +132,7 @@ def test_a_stated_lag_stands_where_the_data_do_not_determine_it():
     assert (exact.std[:9] <= estimate.std[:9]).all()
 
 
+@pytest.mark.slow
 def test_a_term_of_the_rate_is_refused_one_way():
     seen, bench = observed(WarmUp(), (1, 0)), Hand(Measured(9.81, 1e-4))
     with pytest.raises(NotObserved) as refusal:

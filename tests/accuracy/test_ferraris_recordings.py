@@ -96,6 +96,7 @@ def printed_in(readme: str) -> dict[str, list[str]]:
     return {name: re.findall(numbers, text) for name, text in re.findall(pattern, block)}
 
 
+@pytest.mark.slow
 def test_classical_gives_every_printed_number_of_session_a(folder: Path, tmp_path: Path):
     terms = imucal_terms(outcome(run_file(folder, tmp_path, "A", -360), "classical").calibration)
     printed = printed_in((folder / "README.md").read_text(encoding="utf-8"))
@@ -110,6 +111,7 @@ def test_classical_gives_every_printed_number_of_session_a(folder: Path, tmp_pat
             assert found == pytest.approx(float(text), rel=0, abs=half), f"{name} {text}"
 
 
+@pytest.mark.slow
 def test_classical_gives_the_published_result_of_session_b(folder: Path, tmp_path: Path):
     terms = imucal_terms(outcome(run_file(folder, tmp_path, "B", -360), "classical").calibration)
     text = (folder / "expected_annotated_session_cal.json").read_text(encoding="utf-8")
@@ -120,6 +122,7 @@ def test_classical_gives_the_published_result_of_session_b(folder: Path, tmp_pat
         np.testing.assert_allclose(found, expected[name], rtol=1e-6, atol=0, err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("session", "turn"), [("A", -360), ("B", 360)])
 def test_ml_differs_from_classical_within_its_uncertainty_which_is_the_hands(
     folder: Path, tmp_path: Path, session: str, turn: int
@@ -180,6 +183,7 @@ def test_a_turn_the_other_way_is_noticed(folder: Path, tmp_path: Path):
     assert [f.what for f in findings if f.severity == "warning"] == ["direction"] * 3
 
 
+@pytest.mark.slow
 def test_sections_found_in_the_signal_are_those_marked_by_hand(folder: Path, tmp_path: Path):
     run = run_file(folder, tmp_path, "A", -360)
     by_hand = outcome(run, "ml")

@@ -80,6 +80,7 @@ def test_sections_found_in_a_file_lead_to_the_truth(tmp_path: Path, seed: int, t
     assert np.mean(apart**2) < 1 + 4 * np.sqrt(2 / apart.size)
 
 
+@pytest.mark.slow
 def test_marks_of_a_file_and_counts_of_an_adc_change_nothing(tmp_path: Path):
     device, made = session(53)
     scale = np.repeat([2048 / G0, 16.4 / DEGREE], 3)

@@ -45,6 +45,7 @@ def outcome(folder: Path, seed: int, step: float, tremor_deg: float) -> Outcome:
     return calibrate(folder / "run.toml")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("step", "tremor_deg"), [(1e-3, 0.0), evidence(4e-3, 0.0), (1.5e-3, 0.1)])
 def test_a_step_within_a_rest_is_named(tmp_path: Path, step: float, tremor_deg: float):
     verdict = outcome(tmp_path, 1, step * G0, tremor_deg).verdict
@@ -52,12 +53,14 @@ def test_a_step_within_a_rest_is_named(tmp_path: Path, step: float, tremor_deg: 
     assert any("change" in one and "within r08" in one for one in verdict.reasons)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tremor_deg", [evidence(0.1), 0.5])
 def test_the_sway_of_a_hand_is_no_change_of_the_accelerometers(tmp_path: Path, tremor_deg: float):
     verdict = outcome(tmp_path, 2, 0.0, tremor_deg).verdict
     assert not any("within" in one for one in verdict.reasons)
 
 
+@pytest.mark.slow
 def test_sway_hides_no_step_that_noise_does_not_hide(tmp_path: Path):
     """A wobble of 0.2° moves readings across gravity by milli-g, which the gyros see."""
     found = outcome(tmp_path, 1, 0.0, 0.2)

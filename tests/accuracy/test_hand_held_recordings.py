@@ -76,6 +76,7 @@ def forward(outcome: Outcome, kind: str) -> Array:
     return scale * matrix
 
 
+@pytest.mark.slow
 def test_xsens_accelerometers_agree_with_imu_tk(xsens: Outcome):
     scales = np.diag(upper(forward(xsens, "a")))
     np.testing.assert_allclose(scales, INVERSE_SCALES["a"], rtol=1e-3)
@@ -99,6 +100,7 @@ def test_xsens_norms_are_gravity_over_rests_and_samples(xsens: Outcome):
     assert np.sqrt(np.mean(each**2)) <= 8.3e-3
 
 
+@pytest.mark.slow
 def test_xsens_sensitivity_to_acceleration_explains_its_gyros(xsens_with_g: Outcome):
     found = {group.name: group for group in xsens_with_g.estimate.groups}
     assert found["rotations"].p_value > 0.05
@@ -124,6 +126,7 @@ def test_xsens_adds_the_sensitivity_to_acceleration_by_itself(
     np.testing.assert_array_equal(found.calibration.covariance, stated.calibration.covariance)
 
 
+@pytest.mark.slow
 def test_mpu9150_shows_no_sensitivity_to_acceleration_and_adds_none(mpu9150: Outcome, folder: Path):
     found, stated = mpu9150, calibrate(folder / "mpu9150.toml", also=["g"])
     assert found.additions == ()

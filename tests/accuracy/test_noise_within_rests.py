@@ -74,6 +74,7 @@ def test_errors_in_sessions_called_consistent_are_as_stated(
     assert beyond(case, size)[0] <= most
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.5e-3 * G0, 5e-3 * G0])
 def test_a_step_in_half_a_rest_is_never_called_consistent(size: float) -> None:
     assert beyond("step", size, 6)[1] == 0.0

@@ -110,6 +110,7 @@ def weighed(by: Array, covariance: Array, y: Array) -> Array:
     return np.linalg.solve(scaled.T @ weight @ scaled, scaled.T @ weight @ y) / scale
 
 
+@pytest.mark.slow
 def test_all_soaks_together_agree_with_two_stages_that_carry_their_covariance():
     # Least squares in each soak loses a little by not knowing the others: .3 u of single ones.
     found, away = temperature_soaks.fits(5, 3), list[Array]()
@@ -126,6 +127,7 @@ def test_all_soaks_together_agree_with_two_stages_that_carry_their_covariance():
     assert np.mean(np.abs(away) < 0.3) > 0.95
 
 
+@pytest.mark.slow
 def test_a_bias_that_does_not_come_back_shows_where_it_is_not_stated():
     stated = temperature_soaks.fits(6, 4)
     silent = Environment("soaks", soaks.TEMPERATURE_SD)

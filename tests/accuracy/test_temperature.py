@@ -67,6 +67,7 @@ def part(
     return error[..., at], estimate.stated_covariance[..., at, :][..., at]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("temperature", [COLD_AND_HOT, RAMP], ids=["soaks", "ramp"])
 def test_six_positions_from_means_find_bias_and_scale_against_temperature(
@@ -97,6 +98,7 @@ def test_six_positions_from_means_find_bias_and_scale_against_temperature(
     assert (2 * worst < np.tile([5e-6 * thermal.G0, 5e-6], 3)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("soaked", [True, slow(False)], ids=["soaks", "ramp"])
 def test_six_positions_of_a_recording_find_the_same(seed: int, soaked: bool):
@@ -216,6 +218,7 @@ def assert_each_within(error: Array, covariance: Array, sensor: Sensor) -> None:
     assert (np.abs(error / u)[:, at] < 4).all()
 
 
+@pytest.mark.slow
 def test_an_imu_in_a_hand_finds_biases_and_scales_against_temperature():
     assert_each_within(*in_hand(4, 2, soaked=False))
 
@@ -278,6 +281,7 @@ def test_what_follows_the_temperature_is_a_suspect_on_a_turntable():
     assert not [score for score in told.score_tests.scores if "_dT" in score.name]
 
 
+@pytest.mark.slow
 def test_what_follows_the_temperature_is_a_suspect_in_a_hand():
     rng = np.random.default_rng(3)
     device = handheld.triangular(ferraris.mems(rng, G=np.zeros((3, 3))))

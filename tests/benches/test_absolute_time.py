@@ -77,6 +77,7 @@ def check_every_clock(ns: NDArray[np.int64], find: Callable[[str, Stamps], Found
     assert apart("s from zero", "s since 1970") <= NEAR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "method",
     [evidence(name) if name in RARE else name if name in FAST else slow(name) for name in METHODS],
@@ -102,6 +103,7 @@ def test_a_calibration_does_not_depend_on_where_the_clock_begins(method: str, tm
     check_every_clock(ns - ns[0], find)
 
 
+@pytest.mark.slow
 def test_a_noise_analysis_does_not_depend_on_where_the_clock_begins():
     n, rate = 1 << 14, 100
     data = np.stack([draw(MEMS, seed)[0][:n] for seed in range(3)], axis=1)
@@ -126,6 +128,7 @@ def test_a_noise_analysis_does_not_depend_on_where_the_clock_begins():
     check_every_clock(ns, find)
 
 
+@pytest.mark.slow
 def test_the_reported_log_gives_what_its_twin_from_zero_gives(tmp_path: Path):
     found: list[Found] = []
     for name in ("01_epoch_seconds", "01_same_from_zero"):

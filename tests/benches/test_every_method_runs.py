@@ -73,6 +73,7 @@ def test_errors_of_simulated_sensors_are_as_stated_and_reported(method: str, tmp
     assert "<svg" in page
 
 
+@pytest.mark.slow
 @PLANNED
 def test_the_budget_of_a_plan_is_what_its_estimator_states(method: str, tmp_path: Path):
     run = simulate_run(write_run(method, tmp_path), 1)

@@ -87,6 +87,7 @@ def require_stated(ratios: list[float]) -> None:
     assert low < np.mean(ratios) < high
 
 
+@pytest.mark.slow
 @DEVICES
 def test_it_is_calibrated_from_a_recording(run_file: Path, devices: int):
     ratios: list[float] = []
@@ -96,6 +97,7 @@ def test_it_is_calibrated_from_a_recording(run_file: Path, devices: int):
     require_stated(ratios)
 
 
+@pytest.mark.slow
 @DEVICES
 def test_it_is_calibrated_from_its_worksheet_filled(run_file: Path, devices: int):
     ratios: list[float] = []
@@ -134,6 +136,7 @@ def test_its_budget_is_the_covariance_of_its_estimator(run_file: Path):
         assert list(planned.values()) == pytest.approx(spread.tolist(), rel=0.12)
 
 
+@pytest.mark.slow
 def test_it_is_reported(run_file: Path, tmp_path: Path):
     recorded(run_file)
     outcome = calibrate(run_file)

@@ -80,6 +80,7 @@ def session(
     return calibrate(read(folder / "run.toml"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("same_start", [True, False])
 def test_the_turning_earth_rate_is_no_noise(tmp_path: Path, same_start: bool):
     made = session(tmp_path, 1, 52.0, same_start=same_start)

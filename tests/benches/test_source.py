@@ -3,6 +3,8 @@
 import ast
 from pathlib import Path
 
+import pytest
+
 import inercal
 from inercal.benches.kind_definition import KINDS
 
@@ -26,6 +28,7 @@ def names_in(node: ast.AST) -> set[str]:
     return {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
 
 
+@pytest.mark.slow
 def test_no_module_outside_benches_asks_for_the_class_of_a_bench():
     classes = {kind.bench.__name__ for kind in KINDS.values()}
     assert len(classes) == len(KINDS)

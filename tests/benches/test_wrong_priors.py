@@ -41,6 +41,7 @@ def calibrate(run: Run, name: str, mean: float, sd: float) -> Outcome:
     return inercal.calibrate(replace(run, priors=(*run.priors, prior)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "estimator", "name"), CASES)
 def test_a_prior_that_the_data_contradict_is_named_with_the_shift_that_it_causes(
     tmp_path: Path, method: str, estimator: str, name: str

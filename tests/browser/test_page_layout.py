@@ -88,6 +88,7 @@ def require_whole(page: Page, name: str, size: Any) -> None:
     expect(page.locator("#stop")).to_be_in_viewport(ratio=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [slow(one) if one in ("finished", "manual", "manual with an alarm") else one for one in SCENES],

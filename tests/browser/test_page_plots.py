@@ -34,6 +34,7 @@ def legend(page: Page, plot: str) -> str:
     return page.locator(f"{place} .at").inner_text()
 
 
+@pytest.mark.slow
 def test_an_event_is_marked_in_every_plot_at_the_time_that_its_list_says(
     page: Page, scripted: ScriptedServer
 ):
@@ -49,6 +50,7 @@ def test_an_event_is_marked_in_every_plot_at_the_time_that_its_list_says(
         assert seconds(legend(page, plot)) == pytest.approx(95, abs=1)
 
 
+@pytest.mark.slow
 def test_header_events_and_plots_count_from_the_start_of_the_run(
     page: Page, scripted: ScriptedServer
 ):
@@ -73,6 +75,7 @@ def test_a_time_has_as_many_places_as_the_plot_needs(page: Page, scripted: Scrip
         assert page.evaluate(call, [seconds, span]) == text
 
 
+@pytest.mark.slow
 def test_last_10_s_are_10_s(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     expect(page.locator("#window")).to_have_text("last 10 s")
@@ -83,6 +86,7 @@ def test_last_10_s_are_10_s(page: Page, scripted: ScriptedServer):
     assert ends[1] - ends[0] == pytest.approx(10, abs=1)  # read to whole seconds
 
 
+@pytest.mark.slow
 def test_the_cursor_tells_the_values_at_its_time_in_every_plot(
     page: Page, scripted: ScriptedServer
 ):
@@ -105,6 +109,7 @@ def test_the_cursor_tells_the_values_at_its_time_in_every_plot(
     assert 20 < seconds(legend(page, PLOTS[2])) < 100
 
 
+@pytest.mark.slow
 def test_a_plot_is_zoomed_by_dragging_and_shows_all_again(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     pointed(page, PLOTS[0], 0.2)
@@ -120,6 +125,7 @@ def test_a_plot_is_zoomed_by_dragging_and_shows_all_again(page: Page, scripted: 
     expect(page.locator("#window")).to_have_text("last 10 s")
 
 
+@pytest.mark.slow
 def test_plots_are_read_and_zoomed_by_keys(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     for plot in PLOTS:
@@ -134,6 +140,7 @@ def test_plots_are_read_and_zoomed_by_keys(page: Page, scripted: ScriptedServer)
     assert not scripted.heard
 
 
+@pytest.mark.slow
 def test_the_time_of_an_event_shows_it_in_the_plots(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     scripted.tell(messages.event(96.0, "the watchdog is heard again", "warning"))
@@ -144,6 +151,7 @@ def test_the_time_of_an_event_shows_it_in_the_plots(page: Page, scripted: Script
     expect(page.locator("#notice")).not_to_be_empty()
 
 
+@pytest.mark.slow
 def test_readings_are_plotted_before_the_axes_have_their_zeros(
     page: Page, scripted: ScriptedServer
 ):
@@ -160,6 +168,7 @@ def test_readings_are_plotted_before_the_axes_have_their_zeros(
     assert ends == pytest.approx([0.6, 2.8], abs=0.6)
 
 
+@pytest.mark.slow
 def test_axes_and_last_events_are_in_sight_of_a_small_laptop(page: Page, scripted: ScriptedServer):
     page.set_viewport_size(FULL_HD_LAPTOP)  # type: ignore[arg-type]
     open_running_page(page, scripted)
@@ -260,6 +269,7 @@ def test_nis_and_verdict_have_a_colour_a_sign_and_a_word(
     expect(page.locator("#done-words")).to_have_text(numbers)
 
 
+@pytest.mark.slow
 def test_the_finished_page_shows_the_uncertainties_of_the_calibration_file(
     page: Page, scripted: ScriptedServer
 ):
@@ -281,6 +291,7 @@ def test_the_finished_page_shows_the_uncertainties_of_the_calibration_file(
     expect(page.locator("#estimates-title")).to_contain_text("± 2σ")
 
 
+@pytest.mark.slow
 def test_symbols_carry_their_names_in_sight_and_as_a_tooltip(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     heads = page.locator("#coefficients tbody th")

@@ -31,6 +31,7 @@ def hostile() -> list[messages.Message]:
     return [plan, messages.estimates(100.0), messages.samples(90, 100), *said, state, end]
 
 
+@pytest.mark.slow
 def test_words_from_outside_are_text_and_nothing_else(
     page: Page, scripted: ScriptedServer, hostile: list[messages.Message]
 ):
@@ -129,6 +130,7 @@ def test_light_and_dark_are_as_the_device_asks(page: Page, scripted: ScriptedSer
     assert made == ["rgb(255, 255, 255)", "rgb(26, 32, 40)"]
 
 
+@pytest.mark.slow
 def test_the_help_says_that_the_software_stop_is_no_safety_function(
     page: Page, scripted: ScriptedServer
 ):

@@ -20,6 +20,7 @@ from tests.browser.scripted_server import ScriptedServer
 from inercal.report.templates import glossary_page
 
 
+@pytest.mark.slow
 def test_a_run_is_shown_with_its_numbers_and_units(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     expect(page.get_by_role("heading", name="MIMU #17")).to_be_visible()
@@ -40,6 +41,7 @@ def test_a_run_is_shown_with_its_numbers_and_units(page: Page, scripted: Scripte
     expect(page.locator("#attitude-numbers")).to_contain_text("strapdown matrix")
 
 
+@pytest.mark.slow
 def test_before_anything_is_estimated_the_tables_attitude_is_shown(
     page: Page, scripted: ScriptedServer
 ):
@@ -50,6 +52,7 @@ def test_before_anything_is_estimated_the_tables_attitude_is_shown(
     expect(heading).to_have_text(re.compile(r"^heading\d+\.\d{3}—$"))
 
 
+@pytest.mark.slow
 def test_what_was_found_last_is_greyed_where_live_estimation_broke_off(
     page: Page, scripted: ScriptedServer
 ):
@@ -101,6 +104,7 @@ def test_of_a_method_that_estimates_too_little_to_navigate_by_no_navigation_is_s
     expect(page.locator("#course")).to_be_visible()
 
 
+@pytest.mark.slow
 def test_the_arrows_choose_the_coefficient_whose_course_is_shown(
     page: Page, scripted: ScriptedServer
 ):
@@ -131,6 +135,7 @@ def test_charts_glide_while_samples_come_and_rest_when_none_do(
     page.wait_for_function(f"before => ({count})() > before + 5", arg=before)
 
 
+@pytest.mark.slow
 def test_pause_go_on_and_abort_by_keys_are_the_operators(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     page.keyboard.press("p")
@@ -156,6 +161,7 @@ def test_pause_go_on_and_abort_by_keys_are_the_operators(page: Page, scripted: S
     assert [one["do"] for one in scripted.heard] == ["operate", "pause", "go on", "abort"]
 
 
+@pytest.mark.slow
 def test_the_operator_writes_notes_and_their_letters_are_no_commands(
     page: Page, scripted: ScriptedServer
 ):
@@ -173,6 +179,7 @@ def test_the_operator_writes_notes_and_their_letters_are_no_commands(
     assert [one["do"] for one in scripted.heard] == ["operate", "note"]
 
 
+@pytest.mark.slow
 def test_stop_is_anybodys_by_button_and_by_s_pressed_twice(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     page.keyboard.press("s")
@@ -185,6 +192,7 @@ def test_stop_is_anybodys_by_button_and_by_s_pressed_twice(page: Page, scripted:
     scripted.order("stop")
 
 
+@pytest.mark.slow
 def test_stop_is_sent_once_by_a_key_that_is_held(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     for _ in range(10):
@@ -198,6 +206,7 @@ def test_stop_is_sent_once_by_a_key_that_is_held(page: Page, scripted: ScriptedS
     assert [one["do"] for one in scripted.heard] == ["stop", "operate"]
 
 
+@pytest.mark.slow
 def test_stop_can_be_pressed_while_a_question_is_open(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     take_control(page, scripted)
@@ -207,6 +216,7 @@ def test_stop_can_be_pressed_while_a_question_is_open(page: Page, scripted: Scri
     scripted.order("stop")
 
 
+@pytest.mark.slow
 def test_letters_of_a_name_are_no_commands(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     page.locator("#control").click()
@@ -216,6 +226,7 @@ def test_letters_of_a_name_are_no_commands(page: Page, scripted: ScriptedServer)
     assert len(scripted.heard) == 1
 
 
+@pytest.mark.slow
 def test_another_operator_is_named_and_a_refusal_is_said(page: Page, scripted: ScriptedServer):
     scripted.operator = "Grace"
     open_running_page(page, scripted)
@@ -326,6 +337,7 @@ def test_control_that_somebody_else_has_taken_is_not_taken_back(
     watched.errors[:] = [one for one in watched.errors if "/live" not in one]
 
 
+@pytest.mark.slow
 def test_a_browser_that_keeps_nothing_keeps_no_hand_from_stop(
     own_page: Page, scripted: ScriptedServer
 ):
@@ -339,6 +351,7 @@ def test_a_browser_that_keeps_nothing_keeps_no_hand_from_stop(
     scripted.order("stop")
 
 
+@pytest.mark.slow
 def test_a_part_that_fails_is_said_and_silences_no_other(
     own_page: Page, scripted: ScriptedServer, watched: PageErrors
 ):
@@ -356,6 +369,7 @@ def test_a_part_that_fails_is_said_and_silences_no_other(
     watched.errors.clear()
 
 
+@pytest.mark.slow
 def test_a_run_cannot_be_aborted_any_more_while_results_are_made(
     page: Page, scripted: ScriptedServer
 ):
@@ -396,6 +410,7 @@ def test_an_alarm_stays_until_this_viewer_has_acknowledged_it(page: Page, script
     expect(alarm).to_have_count(0)
 
 
+@pytest.mark.slow
 def test_what_is_grave_stays_in_sight_where_the_page_is_scrolled(
     page: Page, scripted: ScriptedServer
 ):
@@ -460,6 +475,7 @@ def test_an_interrupted_run_can_be_resumed_where_it_ended(page: Page, scripted: 
     expect(page.locator("#finished[data-state=interrupted] #verdict")).to_be_hidden()
 
 
+@pytest.mark.slow
 def test_a_run_that_did_not_begin_says_so_and_offers_nothing_to_resume(
     page: Page, scripted: ScriptedServer
 ):

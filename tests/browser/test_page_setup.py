@@ -8,6 +8,7 @@ from tests.browser.page_actions import choose_plan, confirm_start, open_page, ta
 from tests.browser.scripted_server import ScriptedServer
 
 
+@pytest.mark.slow
 def test_a_run_is_set_up_and_started_by_keyboard_alone(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
     expect(page.get_by_role("heading", name="Set up a run")).to_be_visible()
@@ -39,6 +40,7 @@ def test_a_run_is_set_up_and_started_by_keyboard_alone(page: Page, scripted: Scr
     }
 
 
+@pytest.mark.slow
 def test_plans_that_are_loaded_again_keep_the_focus(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
     chosen = page.get_by_role("radio", name=re.compile("mimu.toml"))
@@ -67,6 +69,7 @@ def test_no_plan_is_chosen_beforehand_and_without_one_nothing_starts(
     expect(page.locator("#start-why")).to_contain_text("plan")
 
 
+@pytest.mark.slow
 def test_the_question_before_a_start_names_table_and_plan_and_starts_what_it_names(
     page: Page, scripted: ScriptedServer
 ):
@@ -90,6 +93,7 @@ def test_the_question_before_a_start_names_table_and_plan_and_starts_what_it_nam
     assert scripted.order("start")["plan"] == "mimu"
 
 
+@pytest.mark.slow
 def test_the_ambient_temperature_is_a_number_and_goes_with_the_start(
     page: Page, scripted: ScriptedServer
 ):
@@ -104,6 +108,7 @@ def test_the_ambient_temperature_is_a_number_and_goes_with_the_start(
     assert scripted.order("start")["ambient"] == 21.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("free", "looks", "may"), [(2e8, "small", True), (5e7, "care", True), (3e7, "bad", False)]
 )
@@ -129,6 +134,7 @@ def test_the_room_on_the_disk_is_said_before_a_start(
         expect(question.locator("#ask-start-room")).not_to_be_empty()
 
 
+@pytest.mark.slow
 def test_enter_in_a_field_starts_no_run(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
     page.get_by_label("Name").first.fill("Ada")
@@ -161,6 +167,7 @@ def test_a_simulated_table_goes_with_a_simulated_imu_alone(page: Page, scripted:
     expect(table).to_have_value("simulated")
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_said_before_a_run_can_be_started(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
     choose_plan(page)
@@ -184,6 +191,7 @@ def test_what_is_missing_is_said_before_a_run_can_be_started(page: Page, scripte
     assert asked["sensor"] is None
 
 
+@pytest.mark.slow
 def test_probing_says_in_words_what_the_devices_answer(page: Page, scripted: ScriptedServer):
     scripted.probed = {
         "table": {"ok": True, "lines": ["Turbo PMAC TURBO2", "  outer: at 0.0004 °, servo off"]},
@@ -209,6 +217,7 @@ def test_runs_of_before_are_resumed_or_have_their_report(page: Page, scripted: S
     assert asked == {"do": "resume", "run": "mimu-20261122-101500", "table": None, "imu": None}
 
 
+@pytest.mark.slow
 def test_a_sensor_that_no_register_knows_is_named_on_the_page(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
     choose_plan(page)
@@ -247,6 +256,7 @@ def test_earlier_runs_are_read_again_after_the_stop_of_one(page: Page, scripted:
     assert page.evaluate("document.activeElement.id") == "runs"
 
 
+@pytest.mark.slow
 def test_a_sensor_of_the_register_leads_to_its_history(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
     expect(

@@ -198,6 +198,7 @@ def test_a_relative_error_of_the_radius_is_one_of_scale_and_bending():
     assert np.all(in_printed_units(absorbed)[:3] < 0.5 * s)
 
 
+@pytest.mark.slow
 def test_the_sum_of_squares_is_what_maximum_likelihood_states():
     """With priors on lever arms too: all that is unknown is drawn as it is believed."""
     made = replace(

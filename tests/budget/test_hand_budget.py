@@ -37,6 +37,7 @@ def six_position_experiment(estimator: str, **truth: float) -> Experiment:
     return Experiment(sensor, BENCH, six_positions(), chosen, noise, truth=truth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["ml", "classical"])
 def test_gravity_contributes_to_scale_factors_only(estimator: str):
     made = six_position_experiment(estimator, **{"y.k1": -0.2})
@@ -47,6 +48,7 @@ def test_gravity_contributes_to_scale_factors_only(estimator: str):
     assert np.all(by_gravity[~np.array(k1)] < 1e-9)
 
 
+@pytest.mark.slow
 def test_noise_of_six_positions_is_that_of_the_closed_formula():
     made = six_position_experiment("classical")
     by_noise = first_order_contributions(made)["noise"]
@@ -67,6 +69,7 @@ def test_a_lean_of_the_faces_is_misalignment_to_first_order_and_scale_to_second(
     assert tilt.first_order[delta] == pytest.approx(BENCH.tilt / np.sqrt(2), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_maximum_likelihood_scatters_as_it_states_and_its_budget_adds_up():
     found = budget(six_position_experiment("ml"), 1000, seed=3)
     assert found.total.monte_carlo == pytest.approx(found.stated, rel=5 / np.sqrt(2000))
@@ -74,6 +77,7 @@ def test_maximum_likelihood_scatters_as_it_states_and_its_budget_adds_up():
     assert np.all(np.abs(found.bias) < 4.5 * found.stated / np.sqrt(1000))
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_budgets():
     one, two, other = (budget(six_position_experiment("ml"), 20, seed) for seed in (4, 4, 5))
     assert np.array_equal(one.total.monte_carlo, two.total.monte_carlo)
@@ -127,6 +131,7 @@ def test_a_prior_is_a_line_and_the_truth_where_none_is_stated(tmp_path: Path):
     assert made.imperfections[-2].stated == "20 µg"
 
 
+@pytest.mark.slow
 def test_rows_are_sorted_and_end_with_the_total():
     found = budget(six_position_experiment("ml"), 50, seed=6)
     for k in range(len(found.experiment.sensor.coefficients)):
@@ -140,6 +145,7 @@ def test_rows_are_sorted_and_end_with_the_total():
     assert content["coefficients"][0]["unit"] == "m/s²"
 
 
+@pytest.mark.slow
 def test_the_standard_error_of_a_deviation_is_that_of_gauss_and_of_heavier_tails():
     rng = np.random.default_rng(7)
     normal = rng.standard_normal((4000, 200, 1))

@@ -38,6 +38,7 @@ def test_a_bench_estimate_is_the_estimate_without_what_was_stated(text: str, tmp
     assert free.own_std == pytest.approx(stated.own_std, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_what_the_data_do_not_show_is_no_bench_estimate(text: str, tmp_path: Path):
     path = tmp_path / "run.toml"
     path.write_text(text, encoding="utf-8")

@@ -139,6 +139,7 @@ def test_the_grade_of_a_table_follows_the_rule(
     assert (again.scatter, again.noise) == (outcome.verdict.scatter, outcome.verdict.noise)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", RECORDED)
 def test_a_white_noise_that_is_stated_too_large_is_told_with_its_factor(
     method: str, tmp_path: Path
@@ -219,6 +220,7 @@ def test_rests_in_unknown_attitudes_follow_the_rule(
         assert verdict.grade == "reservations"
 
 
+@pytest.mark.slow
 def test_a_stated_deviation_of_means_is_never_reduced(tmp_path: Path, attitudes: np.ndarray):
     usual = free_rests(tmp_path, attitudes, 1.0).calibration.std
     calm = free_rests(tmp_path, attitudes, 0.2).calibration.std
@@ -231,6 +233,7 @@ def test_noise_as_stated_is_seldom_called_too_large(tmp_path: Path, attitudes: n
     assert sum(said) <= 1
 
 
+@pytest.mark.slow
 def test_the_deviation_of_gyros_is_judged_apart_from_that_of_accelerometers():
     rng = np.random.default_rng(4)
     ratios: list[tuple[float, float]] = []

@@ -12,10 +12,11 @@ from inercal.basics.keys import CoefficientName
 from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Change
 from inercal.calibration import explanation
-from inercal.calibration.additions import Addition, doubtful_additions
 from inercal.calibration.explanation import (
+    Addition,
     ExplanationSection,
     customer_sections,
+    doubtful_additions,
     first_fit,
     fit,
     fit_list,
@@ -29,8 +30,8 @@ from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.result import ResidualGroup
 from inercal.estimation.scores import CandidateKind
 from inercal.physics.sensors import G0, Sensor, axes_along, imu, triad
+from inercal.physics.sensors.coefficient_selection import coefficient_words
 from inercal.physics.sensors.coefficient_tables import TABLES
-from inercal.physics.sensors.coefficient_words import coefficient_words
 from inercal.recordings import Finding
 
 SD, ROWS = 1e-4 * G0, 40

@@ -112,6 +112,7 @@ def parse_unit(unit: str) -> DsiUnit:
     return parsed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["", "amended", "substituted"])
 def test_every_kind_of_certificate_is_valid(
     change: str,
@@ -131,6 +132,7 @@ def test_every_kind_of_certificate_is_valid(
     assert two_validators(write_dcc(found), schema, tmp_path) == []
 
 
+@pytest.mark.slow
 def test_every_coefficient_of_the_tables_is_valid(
     schema: Path, laboratory_file: LaboratoryFile, job: JobSection, tmp_path: Path
 ):
@@ -138,6 +140,7 @@ def test_every_coefficient_of_the_tables_is_valid(
     assert two_validators(document, schema, tmp_path) == []
 
 
+@pytest.mark.slow
 def test_a_contradiction_to_the_schema_is_found(
     schema: Path, laboratory_file: LaboratoryFile, job: JobSection, tmp_path: Path
 ):
@@ -191,6 +194,7 @@ def test_ellipsoid_has_the_coverage_factor_of_all_coefficients(
     assert float(found) == pytest.approx(np.quantile(length, 0.9545), abs=0.01)
 
 
+@pytest.mark.slow
 def test_units_parse_by_the_package_of_ptb_and_keep_their_dimension(
     laboratory_file: LaboratoryFile, job: JobSection
 ):

@@ -19,7 +19,7 @@ from inercal.calibration.check_standard import CHECK_STANDARD
 from inercal.calibration.explanation import NEXT_STEPS, REMARKS
 from inercal.calibration.files import load
 from inercal.cli import certificate_commands
-from inercal.laboratory.certificate.texts import Texts
+from inercal.laboratory.certificate.content import Texts
 
 Change = Callable[[Laboratory], None]
 

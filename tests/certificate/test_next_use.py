@@ -56,6 +56,7 @@ def conformity(calibration: Calibration, capability: float = 0.0, dof: float = i
     return found
 
 
+@pytest.mark.slow
 def test_the_certificate_keeps_the_judgement_by_the_next_use(calibration: Calibration):
     stated = calibration.conformity
     assert stated is not None

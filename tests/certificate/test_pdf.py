@@ -18,13 +18,16 @@ from tests.certificate.pdf_text import page_texts, squeezed
 from inercal.basics.errors import InputError
 from inercal.calibration.files import load
 from inercal.laboratory.certificate.content import (
+    LANGUAGES,
     CertificateChange,
     CertificateInput,
+    Language,
+    Texts,
     make_certificate,
+    text_table,
 )
 from inercal.laboratory.certificate.issue import find_font, write_pdf_a1
 from inercal.laboratory.certificate.job import read_job
-from inercal.laboratory.certificate.texts import LANGUAGES, Language, Texts, text_table
 from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.runfile.job import read_laboratory
 
@@ -98,6 +101,7 @@ def test_structure_is_that_of_pdf_a_3b(issued: Path):
     assert load(copy).sensor.name == "accelerometer SN 0417"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", ["en", slow("de"), slow("zh")])
 def test_preflight_finds_the_pages_valid_as_a_1b(language: Language, example: Path, tmp_path: Path):
     jars = [Path(f"/usr/share/java/{name}.jar") for name in JARS]
@@ -124,6 +128,7 @@ def test_preflight_finds_the_pages_valid_as_a_1b(language: Language, example: Pa
     assert "is a valid PDF/A-1b file" in done.stdout, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_identical_input_gives_identical_bytes(laboratory: Laboratory, tmp_path: Path):
     first = laboratory.issue()
     laboratory.register = str(tmp_path / "other.db")
@@ -132,6 +137,7 @@ def test_identical_input_gives_identical_bytes(laboratory: Laboratory, tmp_path:
     assert first.with_suffix(".xml").read_bytes() == second.with_suffix(".xml").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", [slow(x) if x == "zh" else x for x in LANGUAGES])
 def test_each_language_prints_its_own_texts(language: Language, laboratory: Laboratory):
     if language == "zh":
@@ -167,6 +173,7 @@ def test_a_character_without_a_glyph_is_refused_by_name(laboratory: Laboratory):
     assert not Path(laboratory.register).exists()
 
 
+@pytest.mark.slow
 def test_a_font_prints_what_the_others_lack(laboratory: Laboratory):
     need_chinese()
     laboratory.change("C. F. Gauss", "高斯")

@@ -15,8 +15,8 @@ from tests.certificate.signing_keys import PASSPHRASE, write_chain
 from tests.program import run_program
 
 from inercal.cli.certificate_commands import PASSPHRASE as VARIABLE
+from inercal.laboratory.certificate.content import LANGUAGES, Language, Texts
 from inercal.laboratory.certificate.dcc_reading import schema_defects
-from inercal.laboratory.certificate.texts import LANGUAGES, Language, Texts
 
 
 def verified(*arguments: str | Path) -> tuple[int, dict[str, bool | None]]:
@@ -27,6 +27,7 @@ def verified(*arguments: str | Path) -> tuple[int, dict[str, bool | None]]:
     return ended.status, {one["name"]: one["passed"] for one in found["checks"]}
 
 
+@pytest.mark.slow
 def test_a_signed_certificate_is_verified_by_its_key(signed: Path, keys: Path, schema: Path):
     trust = ("--trust", keys / "own.pem")
     assert verified(signed, *trust) == (
@@ -53,6 +54,7 @@ def stroke_count(path: Path) -> int:
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", [x if x == "en" else slow(x) for x in LANGUAGES])
 def test_a_signed_certificate_says_so_in_place_of_the_line_for_a_signature(
     language: Language,
@@ -90,6 +92,7 @@ def test_a_signature_of_another_key_is_not_trusted(signed: Path, keys: Path):
         assert checks["signature of the DCC"] is False
 
 
+@pytest.mark.slow
 def test_a_certificate_of_the_key_may_lead_to_the_trusted_one_by_another(
     laboratory: Laboratory, keys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -151,6 +154,7 @@ def test_a_signed_dcc_does_not_vouch_for_the_pages_that_it_is_attached_to(
     assert checks["signature of the DCC"] is True
 
 
+@pytest.mark.slow
 def test_damaged_certificates_are_never_verified(signed: Path, keys: Path):
     damaged = signed.with_name("damaged")
     rng = np.random.default_rng(3)
@@ -172,6 +176,7 @@ def test_damaged_certificates_are_never_verified(signed: Path, keys: Path):
             assert ended.status in (2, 3), place
 
 
+@pytest.mark.slow
 def test_the_register_vouches_for_an_unsigned_certificate(laboratory: Laboratory):
     pdf = laboratory.issue()
     for file in (pdf, pdf.with_suffix(".xml")):
@@ -183,6 +188,7 @@ def test_the_register_vouches_for_an_unsigned_certificate(laboratory: Laboratory
     assert (status, checks["register"]) == (3, False)
 
 
+@pytest.mark.slow
 def test_a_replaced_certificate_is_not_verified_an_amended_one_is(laboratory: Laboratory):
     pdf = laboratory.issue()
     why = ("--reason", "the serial number was wrong")

@@ -25,6 +25,7 @@ from inercal.laboratory.store.certificates import number_text, require_series
 from inercal.runfile.job import read_laboratory
 
 
+@pytest.mark.slow
 def test_numbers_follow_one_another_and_begin_anew_each_year(laboratory: Laboratory):
     assert laboratory.issue().name == "IL-2026-0001.pdf"
     assert laboratory.issue().name == "IL-2026-0002.pdf"
@@ -33,6 +34,7 @@ def test_numbers_follow_one_another_and_begin_anew_each_year(laboratory: Laborat
     assert laboratory.issue().name == "IL-2026-0003.pdf"
 
 
+@pytest.mark.slow
 def test_a_second_certificate_names_the_first_unless_it_changes_it(laboratory: Laboratory):
     first, second, third = (
         laboratory.run("--json", *options)
@@ -45,6 +47,7 @@ def test_a_second_certificate_names_the_first_unless_it_changes_it(laboratory: L
         assert "warning" not in ended.error
 
 
+@pytest.mark.slow
 def test_a_refused_certificate_uses_no_number(laboratory: Laboratory):
     laboratory.issue()
     assert laboratory.run("--amends", "IL-2026-0099", "--reason", "why").status == 2
@@ -58,6 +61,7 @@ def test_dates_that_contradict_each_other_are_named(laboratory: Laboratory):
     assert "None" not in ended.error
 
 
+@pytest.mark.slow
 def test_certificates_issued_at_once_have_numbers_of_their_own(
     laboratory: Laboratory, tmp_path: Path
 ):
@@ -103,6 +107,7 @@ def test_a_file_in_the_way_leaves_the_certificate_in_the_register(laboratory: La
         assert opened.certificate("IL-2026-0001").issued == "2026-11-26"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("option", "kind", "words"),
     [
@@ -144,6 +149,7 @@ def test_few_degrees_of_freedom_are_stated(laboratory: Laboratory, tmp_path: Pat
     assert squeezed("ν = 6 effective degrees of freedom") in text
 
 
+@pytest.mark.slow
 def test_a_file_of_the_order_adds_and_replaces(laboratory: Laboratory, tmp_path: Path):
     job = tmp_path / "job.toml"
     job.write_text(

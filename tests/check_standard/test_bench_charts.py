@@ -133,6 +133,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(folder / "register.db")
 
 
+@pytest.mark.slow
 def test_the_verb_charts_a_bench_of_the_register(address: str, tmp_path: Path):
     given = ("control", "--bench", "arm 1", "--register", address, "--reference", "10")
     ended = run_program(*given, "--json")

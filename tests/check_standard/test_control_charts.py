@@ -38,6 +38,7 @@ def test_a_step_is_found_and_the_bench_is_doubtful_around_it():
     assert not after.holds(f"{day(36)}T12:00:00")
 
 
+@pytest.mark.slow
 def test_of_a_steady_bench_few_days_signal(seed: int):
     """370 days to a false signal of all charts, at least: of 8 × 40 days less than one."""
     rng = np.random.default_rng(seed)
@@ -51,6 +52,7 @@ def test_of_a_steady_bench_few_days_signal(seed: int):
     assert float(np.mean(squares)) == pytest.approx(12, abs=1.3)
 
 
+@pytest.mark.slow
 def test_sessions_of_a_day_are_one_point_of_the_right_size(seed: int):
     """Four a day, with half of their variance in common: as 4 × as many points they would lie."""
     rng = np.random.default_rng(seed)
@@ -79,6 +81,7 @@ def test_what_all_sessions_share_is_no_signal_and_a_new_determination_widens():
     np.testing.assert_allclose(wider.values.shewhart[:-1], found.values.shewhart[:-1], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_axis_that_scatters_more_takes_its_own_limits(seed: int):
     rng = np.random.default_rng(seed)
     beyond = 0
@@ -88,6 +91,7 @@ def test_an_axis_that_scatters_more_takes_its_own_limits(seed: int):
     assert beyond <= 2
 
 
+@pytest.mark.slow
 def test_sessions_that_state_nothing_shared_are_charted_and_named():
     rng = np.random.default_rng(5)
     found = control_charts(checked_sessions(Laboratory(), 30, rng, stated=False))

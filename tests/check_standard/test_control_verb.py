@@ -37,6 +37,7 @@ def files(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.calibration.json"))
 
 
+@pytest.mark.slow
 def test_files_of_a_job_are_charted_by_its_day(folder: Path, tmp_path: Path):
     ended = run_program("control", *files(folder), "--reference", "8", "--out", tmp_path, "--json")
     assert ended.status == 0, ended.error
@@ -52,6 +53,7 @@ def test_files_of_a_job_are_charted_by_its_day(folder: Path, tmp_path: Path):
     assert "out of control" in run_program(*again, "--force").output
 
 
+@pytest.mark.slow
 def test_a_register_gives_the_points_of_the_files_and_lists_what_is_doubtful(
     folder: Path, tmp_path: Path
 ):
@@ -77,6 +79,7 @@ def test_a_register_gives_the_points_of_the_files_and_lists_what_is_doubtful(
     assert "JOB-1" not in printed
 
 
+@pytest.mark.slow
 def test_the_register_dates_by_the_job_and_files_in_any_order_give_the_same(
     folder: Path, tmp_path: Path
 ):
@@ -141,6 +144,7 @@ def run_file(folder: Path, **bench: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_run_file_takes_the_newest_state(folder: Path, tmp_path: Path):
     run_program("control", *files(folder), "--reference", "8", "--out", tmp_path)
     run = read(run_file(tmp_path, check_standard="TRIAD-1.control.json"))

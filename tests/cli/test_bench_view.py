@@ -8,7 +8,7 @@ from collections import deque
 from types import SimpleNamespace
 
 from inercal.cli.bench_view import run_display
-from inercal.cli.streams import StandardStreams
+from inercal.cli.app import StandardStreams
 
 StandardStreams()
 recorder = SimpleNamespace(events=0, recent_messages=deque([("info", "step 1")], maxlen=8))

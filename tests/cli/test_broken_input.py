@@ -238,6 +238,7 @@ def test_broken_input_is_one_line_and_leaves_nothing_behind(
     assert sorted(tmp_path.iterdir()) == before
 
 
+@pytest.mark.slow
 def test_the_recordings_are_good_before_they_are_broken(
     tmp_path: Path,
     recordings: dict[str, bytes],

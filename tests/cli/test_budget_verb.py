@@ -31,6 +31,7 @@ def program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     return run
 
 
+@pytest.mark.slow
 def test_tables_a_page_and_an_object(tmp_path: Path, program: Program):
     path = run_file(tmp_path, SIX_POSITIONS)
     status, printed, errors = program(path, "--trials", "40", "--out", tmp_path)

@@ -74,6 +74,7 @@ def test_equal_files_are_bundled_as_equal_entries(bundle: Path):
     assert set(first) == {"run.toml", "positions.csv", "result/run.calibration.json"}
 
 
+@pytest.mark.slow
 def test_a_calibration_that_differs_is_not_reproduced(bundle: Path, tmp_path: Path):
     made = load(tmp_path / "run.calibration.json")
     moved = made.values.copy()
@@ -85,6 +86,7 @@ def test_a_calibration_that_differs_is_not_reproduced(bundle: Path, tmp_path: Pa
     assert json.loads(ended.output)["difference"] == pytest.approx(0.01, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_other_versions_are_named(bundle: Path):
     rewrite(bundle, with_manifest(lambda made: made["made_with"].update(numpy="1.0")))
     found = json.loads(run_program("reproduce", bundle, "--json").output)

@@ -4,9 +4,12 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 START = "from inercal.cli.app import main; main()"
 
 
+@pytest.mark.slow
 def test_verbs_are_completed():
     environment = {
         **os.environ,

@@ -3,10 +3,12 @@
 import json
 from pathlib import Path
 
+import pytest
 from tests.fleet.simulated_line import Truth, write_line
 from tests.program import run_program
 
 
+@pytest.mark.slow
 def test_page_and_summary(tmp_path: Path):
     write_line(tmp_path / "line", 100, Truth(outliers=1, lot_size=50))
     ended = run_program("fleet", "report", tmp_path / "line")

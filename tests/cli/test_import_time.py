@@ -30,14 +30,17 @@ def numpy_time() -> float:
     return processor_time("import numpy")
 
 
+@pytest.mark.slow
 def test_importing_inercal_takes_less_than_numpy(numpy_time: float):
     assert processor_time("import inercal") < IMPORT * numpy_time
 
 
+@pytest.mark.slow
 def test_what_calibrates_is_imported_within_its_budget(numpy_time: float):
     assert processor_time("from inercal import calibrate") < CALIBRATE * numpy_time
 
 
+@pytest.mark.slow
 def test_the_help_of_the_program_is_there_within_its_budget(numpy_time: float):
     code = (
         "import sys; sys.argv = ['inercal', '--help']\n"

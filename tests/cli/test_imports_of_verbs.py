@@ -66,6 +66,7 @@ def table(tmp_path: Path) -> Path:
     return copytree(EXAMPLE, tmp_path / "run") / "run.toml"
 
 
+@pytest.mark.slow
 def test_calibrating_six_means_imports_no_compiler_no_optimiser_and_no_plots(
     table: Path, tmp_path: Path
 ):
@@ -73,12 +74,14 @@ def test_calibrating_six_means_imports_no_compiler_no_optimiser_and_no_plots(
     assert heavy_imports("calibrate", *options) == set()
 
 
+@pytest.mark.slow
 def test_a_report_of_six_means_adds_the_plots_alone(table: Path, tmp_path: Path):
     plots = {"matplotlib", "numpy.ma"}
     assert heavy_imports("calibrate", table, "--out", tmp_path) == plots
     assert heavy_imports("report", table, "--out", tmp_path / "page.html") == plots
 
 
+@pytest.mark.slow
 def test_a_mistyped_run_file_is_refused_before_anything_heavy_is_imported(table: Path):
     text = table.read_text(encoding="utf-8")
     table.write_text(text.replace("latitude", "lattitude"), encoding="utf-8")
@@ -92,6 +95,7 @@ def test_a_mistyped_run_file_is_refused_without_the_estimators(table: Path):
     assert heavy_imports("calibrate", table, status=2, watched=AFTER_CHECKS) == set()
 
 
+@pytest.mark.slow
 def test_a_simulation_of_six_positions_imports_nothing_heavy(tmp_path: Path):
     recording = tmp_path / "log.csv"
     options = (run_file(tmp_path, SIX_POSITIONS), "--out", recording)

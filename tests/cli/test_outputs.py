@@ -100,6 +100,7 @@ def refused(folder: Path, *arguments: str | Path) -> None:
 NO_NAMES = ("a" * 300, "a\nb.csv", "a\udcff.csv", "a\x1b[2J.csv", "run.toml/a.csv")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", FILE_VERBS)
 def test_a_file_is_not_written_over_an_input_or_what_is_no_file(folder: Path, verb: str):
     arguments, inputs = FILE_VERBS[verb]
@@ -159,6 +160,7 @@ def test_a_page_of_another_origin_stays(folder: Path):
     refused(folder, "report", "run.toml", "--out", "photo.html")
 
 
+@pytest.mark.slow
 def test_own_files_are_written_again_and_links_written_through(folder: Path):
     with chdir(folder / "folder"):
         Path("link.html").symlink_to("page.html")
@@ -171,6 +173,7 @@ def test_own_files_are_written_again_and_links_written_through(folder: Path):
             path.unlink()
 
 
+@pytest.mark.slow
 def test_a_table_of_the_same_columns_is_written_again_and_no_other(tmp_path: Path):
     run = shutil.copy(EXAMPLES / "rate_table" / "ship_recording.toml", tmp_path)
     arguments = ("calibrate", run, "--out", tmp_path, "--no-report")
@@ -182,6 +185,7 @@ def test_a_table_of_the_same_columns_is_written_again_and_no_other(tmp_path: Pat
     refused(tmp_path, *arguments)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["report", "apply", "simulate", "plan"])
 def test_a_missing_folder_is_made_for_a_file(folder: Path, verb: str, tmp_path: Path):
     arguments, _ = FILE_VERBS[verb]
@@ -198,6 +202,7 @@ def test_a_folder_that_was_made_goes_with_what_was_not_written(folder: Path, tmp
         refused(tmp_path, "calibrate", wrong, "--out", tmp_path / "a" / "b")
 
 
+@pytest.mark.slow
 def test_a_calibration_of_this_run_file_is_replaced_and_its_predecessor_kept(tmp_path: Path):
     folder = shutil.copytree(EXAMPLES / "six_position", tmp_path / "run")
     arguments = ("calibrate", folder / "run.toml", "--out", tmp_path / "out", "--no-report")

@@ -182,6 +182,7 @@ def test_refusals_are_one_line(
     assert where in errors
 
 
+@pytest.mark.slow
 def test_plans_by_hand_have_their_own_defaults(program: Program):
     content = json.loads(program("multi-position", "--json")[1])
     assert len(content["steps"]) == 24
@@ -287,6 +288,7 @@ def test_the_duration_of_a_turn_by_hand_is_left_to_the_operator(program: Program
     assert [row[:2] for row in rows[5:7]] == [["z_a", "12"], ["x_rot", ""]]
 
 
+@pytest.mark.slow
 def test_dwells_on_the_arm_are_grouped_by_attitude(program: Program, tmp_path: Path):
     run = changed(Path(shutil.copy(ARM, tmp_path)), RATES)
     status, printed, _ = program(run, "--out", tmp_path / "sheet.csv")

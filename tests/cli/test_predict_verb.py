@@ -118,6 +118,7 @@ def test_a_sweep_gives_a_page_that_needs_no_other_file(folder: Path, sweep: str)
     assert "shaded" not in page
 
 
+@pytest.mark.slow
 def test_a_sweep_beyond_the_validity_shades_what_is_outside(folder: Path):
     out = folder / "page.html"
     words = ("predict", folder / "imu.calibration.json", "--sweep", "fx = 0 … 3 g", "--out", out)

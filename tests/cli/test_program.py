@@ -62,6 +62,7 @@ def test_what_is_no_command_is_one_line(arguments: tuple[str, ...], words: str):
     assert "--help" in done.error
 
 
+@pytest.mark.slow
 def test_help_and_version_import_no_numerics():
     asked = [
         ["--help"],
@@ -104,6 +105,7 @@ def test_linear_algebra_has_one_thread_unless_told_otherwise(
     assert os.environ["OPENBLAS_NUM_THREADS"] == used
 
 
+@pytest.mark.slow
 def test_importing_the_package_changes_nothing_in_a_process():
     code = """
 import os, sys, threading
@@ -154,6 +156,7 @@ def test_simulate_and_calibrate_work_one_after_the_other(tmp_path: Path):
     assert (tmp_path / "run.calibration.json").is_file()
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_kept_kernels_are_compiled_into_a_folder_that_goes():
     script = """
 import os, sys

@@ -91,6 +91,7 @@ def test_positions_that_scatter_six_times_as_much_as_others_are_found(tmp_path: 
     assert min(mark.stop - mark.start for mark in outcome.marks) > 0.8 * RATE * SECONDS
 
 
+@pytest.mark.slow
 def test_a_missing_position_is_refused_with_what_was_found_and_a_picture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
@@ -115,6 +116,7 @@ def test_no_picture_is_drawn_where_no_report_is_wanted(
     assert {path.name for path in tmp_path.iterdir()} == {"run.toml", "log.csv"}
 
 
+@pytest.mark.slow
 def test_a_recording_without_rests_is_refused_with_a_picture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):

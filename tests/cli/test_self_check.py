@@ -31,6 +31,7 @@ def test_every_method_gives_its_known_answer():
     assert sum(one.probability is not None for one in check.results) >= 6
 
 
+@pytest.mark.slow
 def test_the_report_has_date_versions_and_machine_and_names_each_method(tmp_path: Path):
     ended = run_program("self-check", *options(*QUICK), "--out", tmp_path)
     assert ended.status == 0

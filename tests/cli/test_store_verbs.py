@@ -135,6 +135,7 @@ def test_a_sensor_whose_name_is_a_number_is_shown_by_it(program: Program, tmp_pa
     assert program("store", "show", "#1").out.startswith("calibration #1 of 1")
 
 
+@pytest.mark.slow
 def test_the_history_says_what_drifts_and_by_how_much(program: Program, tmp_path: Path):
     program("store", "import", *ten(tmp_path))
     out = program("store", "history", NAME).out
@@ -166,6 +167,7 @@ def test_the_history_says_what_drifts_and_by_how_much(program: Program, tmp_path
     assert first["line"]["time"].startswith("2022-0")
 
 
+@pytest.mark.slow
 def test_the_history_is_written_as_a_page(program: Program, tmp_path: Path):
     # Two figures are as good as six.
     program("store", "import", *ten(tmp_path, replace(DRIFTING, axes=("ax", "gx"))))
@@ -177,6 +179,7 @@ def test_the_history_is_written_as_a_page(program: Program, tmp_path: Path):
     refused(program("store", "history", NAME, "--out", out / "x.html"))
 
 
+@pytest.mark.slow
 def test_verb_and_page_state_the_next_calibration(program: Program, tmp_path: Path):
     program("store", "import", *ten(tmp_path, replace(DRIFTING, axes=("ax", "gx"))))
     page = tmp_path / "history.html"

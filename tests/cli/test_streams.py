@@ -65,6 +65,7 @@ VERBS = (
 )
 
 
+@pytest.mark.slow
 def test_a_calibration_survives_a_full_disk_and_an_encoding(run: Path):
     arguments = ("calibrate", "run.toml", "--no-report")
     code, _, error = shell(run, "> /dev/full", *arguments)

@@ -66,6 +66,7 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
+@pytest.mark.slow
 def test_calibrate_writes_the_calibration_and_the_report(
     run: Path, tmp_path: Path, said: Callable[..., str]
 ):
@@ -213,6 +214,7 @@ def test_apply_warns_of_a_calibration_that_is_not_to_be_relied_on(
     assert out.exists()
 
 
+@pytest.mark.slow
 def test_report_writes_the_page_alone(run: Path, tmp_path: Path, said: Callable[..., str]):
     page = tmp_path / "page.html"
     printed = json.loads(said("report", run, "--out", page, "--json"))

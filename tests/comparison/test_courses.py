@@ -82,6 +82,7 @@ def test_what_all_share_moves_the_level_and_not_the_slope():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tau", "slope", "next_year"), [(0.0, 0.999, 0.995), (1.0, 0.985, 0.975), (3.0, 0.96, 0.95)]
 )

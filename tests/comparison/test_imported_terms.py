@@ -39,6 +39,7 @@ def read_back(folder: Path, own: Calibration, to: str) -> Calibration:
     return inercal.import_calibration(path, to, like=own)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("to", STATED)
 def test_equal_numbers_give_a_chi_square_of_zero(to: str, tmp_path: Path):
     """In each frame and form, and in either order; targets of single precision leave 1e-5."""

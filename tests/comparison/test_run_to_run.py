@@ -14,8 +14,7 @@ from inercal.basics.documents import document_text
 from inercal.calibration.comparison import compare
 from inercal.calibration.comparison.run_to_run import RunScatter, against_scatter
 from inercal.calibration.files import save
-from inercal.laboratory.repeatability import repeat
-from inercal.laboratory.repeatability.files import repeatability_object
+from inercal.laboratory.repeatability import repeat, repeatability_object
 from inercal.laboratory.store import Register
 
 TURN_ON = np.array([60.0, 30.0, 0.0])[KIND] * MICRO
@@ -44,6 +43,7 @@ def test_ordinary_runs_are_ordinary_and_all_exceed_their_own_uncertainties(seed:
     assert 0.03 < single / (12 * pairs) < 0.06
 
 
+@pytest.mark.slow
 def test_a_scatter_of_few_sessions_has_the_coverage_of_its_t(seed: int):
     """Four sessions: nine degrees of freedom, and three to nine of misalignments."""
     rng = np.random.default_rng(seed)
@@ -83,6 +83,7 @@ def compared_by_verb(folder: Path, *arguments: str) -> dict[str, object]:
     return json.loads(ended.output)["run_to_run"]
 
 
+@pytest.mark.slow
 def test_compare_takes_a_file_and_diff_the_register(folder: Path):
     files = [str(folder / f"{k}.calibration.json") for k in (5, 6, 7)]
     file = ("--repeatability", str(folder / "TRIAD-1.repeatability.json"))

@@ -144,6 +144,7 @@ def test_sessions_of_a_trembling_hand_err_as_stated(seed: int, sessions: int):
     assert judged.flagged.mean() < 0.25  # χ² of three kinds, each beyond its bound in one of 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sessions", [4, evidence(10)])
 def test_a_drift_that_the_model_does_not_know_is_said_by_chi_squared(sessions: int):
     drifting = replace(STILL, drift_a=0.02, drift_g=0.005)

@@ -47,6 +47,7 @@ name = "METHOD"
 TRIALS = 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["six_position", "ferraris"])
 def test_simulated_sessions_err_as_stated(tmp_path: Path, method: str):
     path = tmp_path / "run.toml"

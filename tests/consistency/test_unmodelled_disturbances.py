@@ -42,6 +42,7 @@ def ml(made: FerrarisSession, hands: Handling, method: str = "ferraris") -> Esti
     )
 
 
+@pytest.mark.slow
 def test_a_face_tilted_ten_times_as_much_as_stated_shows_in_chi_squared():
     rng = np.random.default_rng(31)
     off = 10 * HANDS.tilt
@@ -62,6 +63,7 @@ def rejected(device: Imu, hands: Handling) -> float:
     return float(np.mean(~ml(made, hands).consistent))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "hands"),
     [

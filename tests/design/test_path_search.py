@@ -21,6 +21,7 @@ SHORT = 500.0  # s
 SILENT = lambda tried: None  # noqa: E731
 
 
+@pytest.mark.slow
 def test_a_found_path_turns_about_level_axes_within_limits_and_time(tmp_path: Path):
     run = read(RUN, {"path": "systematic", "seconds": "20 s"})
     bench = require_turntable(run)

@@ -13,6 +13,7 @@ from inercal.pipeline import calibrate
 from inercal.pipeline.design.turntable_path import turntable_path_sheet
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["turntable_discrete", "turntable_trajectory"])
 def test_a_path_is_planned_by_the_methods_own_estimator(tmp_path: Path, method: str):
     run = simulate_recording(copy_run(tmp_path, ('"turntable_kalman"', f'"{method}"')))

@@ -34,6 +34,7 @@ def values(path: Path) -> dict[str, float]:
     return dict(zip(found.sensor.coefficients, found.values.tolist(), strict=True))
 
 
+@pytest.mark.slow
 def test_a_log_gives_what_init_and_calibrate_give(tmp_path: Path):
     log = hand_held(tmp_path)
     run_file, two, one = tmp_path / "two" / "imu.toml", tmp_path / "two", tmp_path / "one"
@@ -55,6 +56,7 @@ def test_a_log_gives_what_init_and_calibrate_give(tmp_path: Path):
     assert outcome.verdict.grade == "consistent"
 
 
+@pytest.mark.slow
 def test_an_assumed_unit_is_told_and_gives_reservations(tmp_path: Path):
     log, key = six_rests(tmp_path), "sensor.gyro.unit"
     refused = run_program("calibrate", log, "-o", tmp_path / "refused")
@@ -83,6 +85,7 @@ def test_an_assumed_unit_is_told_and_gives_reservations(tmp_path: Path):
     assert outcome.verdict.grade == "consistent"
 
 
+@pytest.mark.slow
 def test_answers_in_a_terminal_are_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     from inercal.cli import log_drafts
 
@@ -112,6 +115,7 @@ def means(folder: Path) -> Path:
     return logs.write(folder / "poses.csv", ("ax", "ay", "az"), [*logs.poses(3, 20).T])
 
 
+@pytest.mark.slow
 def test_stated_values_stay_and_a_key_of_the_method_replaces_the_drafted_one(tmp_path: Path):
     place = {"latitude": "48.1 °", "height": "520 m"}
     stated = [text for key, one in place.items() for text in ("--set", f"bench.{key}={one}")]
@@ -124,6 +128,7 @@ def test_stated_values_stay_and_a_key_of_the_method_replaces_the_drafted_one(tmp
     assert drafted["method"]["also"] == ["k2"]
 
 
+@pytest.mark.slow
 def test_a_run_file_of_before_is_kept(tmp_path: Path):
     log = means(tmp_path)
     kept = tmp_path / "poses.toml"

@@ -36,6 +36,7 @@ def field(at: np.ndarray) -> np.ndarray:
     return np.stack([30 * np.cos(at / 9), 30 * np.sin(at / 9), np.full(at.size, 40.0)], axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("form", "step"),
     [
@@ -69,6 +70,7 @@ def test_arrays_of_a_mat_file_with_own_clocks_are_paired(form: str, step: float,
     assert_true(calibrated(draft), BIASES | GYRO_BIASES, k=4)
 
 
+@pytest.mark.slow
 def test_arrays_of_unequal_length_without_clocks_are_named(tmp_path: Path):
     log, _, rate = both()
     scipy.io.savemat(tmp_path / "log.mat", {"acc": log["f"], "gyr": rate})
@@ -80,6 +82,7 @@ def test_arrays_of_unequal_length_without_clocks_are_named(tmp_path: Path):
     assert_true(calibrated(draft), BIASES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [evidence("phone"), "columns"])
 def test_a_magnetometer_in_a_third_file_is_left_out(names: str, tmp_path: Path):
     log, at, rate = both()
@@ -100,6 +103,7 @@ def test_a_magnetometer_in_a_third_file_is_left_out(names: str, tmp_path: Path):
     assert_true(calibrated(draft), BIASES | GYRO_BIASES, k=4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zone", [evidence(""), evidence("Z"), "+02:00"])
 def test_dates_of_two_files_are_paired(zone: str, tmp_path: Path):
     log, at, rate = both()

@@ -181,6 +181,7 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text", ["q,r,s", "[2, 3, 4]", evidence('["q", "r", "s"]'), evidence("[q, r, s]")]
 )
@@ -197,6 +198,7 @@ def test_stated_columns_are_used(text: str, log: Path):
     assert found["[sensor.gyro] scale"] == "32.8 LSB/(°/s)"
 
 
+@pytest.mark.slow
 def test_columns_without_use_are_named(log: Path):
     draft = draft_run_file([log], log.with_name("run.toml"))
     assert "not used: u" in draft.facts
@@ -239,6 +241,7 @@ def test_values_have_the_types_of_their_keys():
     assert list(stated_values(stated).values()) == [0.5, 1, "part", ["g", "k2"], "30 µg", "7"]
 
 
+@pytest.mark.slow
 def test_the_stated_method_is_the_only_one_tried(log: Path):
     stated = {"method.name": "six_position"}
     draft = draft_run_file([log], log.with_name("run.toml"), stated)

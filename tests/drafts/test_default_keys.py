@@ -5,6 +5,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import pytest
 from tests.program import run_program
 
 from inercal.pipeline.drafts.stated_keys import default_bench_keys
@@ -51,6 +52,7 @@ def means(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_drafted_line_names_the_default_and_show_prints_its_value(tmp_path: Path):
     log = means(tmp_path)
     run_file = tmp_path / "run.toml"

@@ -111,6 +111,7 @@ def xsens(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Draft:
     return draft_run_file(logs, tmp_path_factory.mktemp("xsens") / "run.toml")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [c if c in FAST else slow(c) for c in SHARED])
 def test_shared_recordings_need_one_answer_at_most(
     case: str, data_dir: Path, tmp_path: Path, xsens: Draft
@@ -226,6 +227,7 @@ def test_a_file_without_sensors_is_refused(tmp_path: Path):
     assert caught.value.file == log
 
 
+@pytest.mark.slow
 def test_a_log_with_stated_marks_is_six_positions(tmp_path: Path):
     folder = EXAMPLES / "logs"
     draft = draft_run_file(

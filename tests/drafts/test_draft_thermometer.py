@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import inercal
 from inercal.pipeline.drafts import draft_run_file
@@ -51,6 +52,7 @@ def test_raw_counts_are_asked_for_their_unit_then_for_scale_and_zero(tmp_path: P
     assert low == high == np.float64(36.53 - 1812 / 340 + 273.15)
 
 
+@pytest.mark.slow
 def test_degrees_need_no_question_and_kelvin_are_recognised(tmp_path: Path):
     assert not questions(tmp_path, 25, {})
     for kelvin in (295, 310):

@@ -111,6 +111,7 @@ NAMES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("names", "offset"),
     representative(
@@ -147,6 +148,7 @@ def test_a_turn_has_its_name_in_the_plan():
     assert [planned_name(one) for one in ("rot x", "x turn", "turning")] == ["x_rot", "x_rot", None]
 
 
+@pytest.mark.slow
 def test_a_stated_unit_replaces_a_guess_with_its_scale(tmp_path: Path):
     log = logs.by_hand(7, rests=24, hz=50.0)
     force = log["f"] * logs.G + [0, 0, logs.G]
@@ -171,6 +173,7 @@ def test_no_unit_is_asked_for_and_never_guessed_as_a_scale(tmp_path: Path):
     assert [one.name for one in draft.questions] == ["[sensor.accelerometer] unit"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("names", "swapped"), [evidence(("X (g)", "X (rad/s)"), False), (("x", "x"), True)]
 )
@@ -216,6 +219,7 @@ def chamber(folder: Path) -> list[Path]:
     return files
 
 
+@pytest.mark.slow
 def test_a_file_for_each_temperature_is_calibrated_at_the_first_try(tmp_path: Path):
     folder = tmp_path / "soaks"
     folder.mkdir()
@@ -229,6 +233,7 @@ def test_a_file_for_each_temperature_is_calibrated_at_the_first_try(tmp_path: Pa
     assert_true(outcome, BIASES | slopes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [
@@ -255,6 +260,7 @@ def test_temperatures_in_the_names_of_files_or_folders_are_used(name: str, tmp_p
     assert_true(calibrated(draft), BIASES | slopes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [("a-20C", "b20C", "c60C"), evidence(("s20", "s40", "s60"))])
 def test_names_without_a_temperature_are_not_read_as_one(names: tuple[str, ...], tmp_path: Path):
     files = chamber(tmp_path)
@@ -268,6 +274,7 @@ def test_names_without_a_temperature_are_not_read_as_one(names: tuple[str, ...],
     assert "data.temperature" not in chosen(drafted(moved, tmp_path))
 
 
+@pytest.mark.slow
 def test_a_star_that_is_no_temperature_is_refused(tmp_path: Path):
     files = chamber(tmp_path)
     draft = drafted(files, tmp_path)
@@ -339,6 +346,7 @@ def test_marks_that_do_not_suit_the_log_are_left_out_and_named(
     assert_true(calibrated(draft), BIASES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", ["folder", evidence("parts")])
 def test_a_split_bag_is_one_recording(given: str, tmp_path: Path):
     ros = pytest.importorskip("tests.io.ros_files", reason="needs the extra inercal[ros]")
@@ -363,6 +371,7 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path: Path):
     assert caught.value.names == (str(first), str(second))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "head",
     [evidence("mounting,table_rate_dps"), evidence("up,omega"), "side,w_table (rad/s)"],
@@ -383,6 +392,7 @@ def test_a_rate_table_is_drafted_with_questions_about_its_bench(head: str, tmp_p
     assert_true(calibrated(draft), truth | scales)
 
 
+@pytest.mark.slow
 def test_the_printed_command_answers_all_questions_at_once(tmp_path: Path):
     faces, rows = logs.rates(3, 48.0, (-200, -50, -10, 0, 10, 50, 200))
     names = ("axis", "rate", "gx (deg/s)", "gy (deg/s)", "gz (deg/s)")
@@ -399,6 +409,7 @@ def test_the_printed_command_answers_all_questions_at_once(tmp_path: Path):
     assert inercal.calibrate(tmp_path / "run.toml").verdict.grade == "consistent"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "unit", "size"), [("rate (rad/s)", "rad/s", np.pi / 30), ("arm_rate_dps", "°/s", 6.0)]
 )
@@ -450,6 +461,7 @@ def test_a_name_with_a_minus_reverses_its_column(tmp_path: Path):
 HAND = dict(zip(("ax.k0", "ay.k0", "az.k0"), (0.3, -0.2, 0.4), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("names", "truth"),
     [

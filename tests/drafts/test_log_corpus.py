@@ -37,6 +37,7 @@ def test_the_corpus_is_large_and_asks_little():
     assert all(len(case.stated) <= 1 for case in CASES.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FEW)
 def test_a_log_is_calibrated_at_the_first_try(name: str, tmp_path: Path):
     found = judged(name, tmp_path)

@@ -72,6 +72,7 @@ STAMPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", chosen(STAMPS, ["16 bits with a sign", "32 bits of µs"]))
 def test_stamps_that_restart_are_unwrapped_by_one_key(tmp_path: Path, name: str):
     stamps, stated, modulus = STAMPS[name]
@@ -106,6 +107,7 @@ def test_a_clock_that_was_reset_is_not_unwrapped(tmp_path: Path):
     assert "counter_modulus" not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "stamps",
     [
@@ -142,6 +144,7 @@ def test_only_gyros_are_read_where_the_accelerometers_are_an_empty_list(tmp_path
         draft_run_file([log], tmp_path / "run.toml", {"data.accelerometer": "[]"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("per_g", "per_degree"), [(16384 / 2, 131 / 2), evidence(2048, 16.4)])
 def test_signed_counts_written_as_unsigned_get_their_signs(
     tmp_path: Path, per_g: float, per_degree: float
@@ -162,6 +165,7 @@ def test_signed_counts_written_as_unsigned_get_their_signs(
     assert "signed_bits = 16" in str(caught.value)
 
 
+@pytest.mark.slow
 def test_counts_with_signs_are_not_given_others(tmp_path: Path):
     log = written(tmp_path / "log.csv", with_readings({"time": (COUNT / HZ).tolist()}))
     assert "data.signed_bits" not in calibrated(log, {}, tmp_path)
@@ -172,6 +176,7 @@ def test_counts_with_signs_are_not_given_others(tmp_path: Path):
         inercal.calibrate(run)
 
 
+@pytest.mark.slow
 def test_lines_are_skipped_while_a_run_file_is_drafted(tmp_path: Path):
     log = written(tmp_path / "log.csv", with_readings({"time": (COUNT / HZ).tolist()}))
     text = log.read_text("utf-8")
@@ -185,6 +190,7 @@ def test_lines_are_skipped_while_a_run_file_is_drafted(tmp_path: Path):
         assert read_rest_recording(log, {"data.skip": "2"} | units).time.size == COUNT.size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "stated", "keys"),
     [
@@ -250,6 +256,7 @@ def test_reported_parameters_are_imported(name: str, of: str, value: float):
     assert inercal.import_calibration(report_file(name), of).value("ax.k0") == value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [evidence(0.0), 0.02])
 def test_bursts_of_a_link_are_reported_as_bursts(share: float, tmp_path: Path):
     stamps = (COUNT // 10 * 10 + share * (COUNT % 10)) / HZ

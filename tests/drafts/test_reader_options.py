@@ -40,6 +40,7 @@ def test_a_sheet_and_a_limit_are_those_stated(stated: dict[str, str], said: str,
     assert said in str(refusal.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "content", "corrected"),
     [

@@ -57,6 +57,7 @@ def test_a_trend_of_one_per_second_has_its_reach() -> None:
     assert found.slope[0] == pytest.approx(found.slope_per_trend[0], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_white_noise_is_rejected_as_often_as_the_level_says() -> None:
     rng = np.random.default_rng(2)
     p = np.array([[t.p_value for t in judged(white(rng)).tests] for _ in range(200)])
@@ -67,6 +68,7 @@ def test_white_noise_is_rejected_as_often_as_the_level_says() -> None:
 
 
 # By chance a tenth of a section looks like a random walk within it in 2.5 % of all recordings.
+@pytest.mark.slow
 @pytest.mark.parametrize(("tau", "most"), [(0.05, 1), (1.0, 4)])
 def test_correlated_noise_is_found_and_rejects_nothing(tau: float, most: int) -> None:
     rng = np.random.default_rng(3)
@@ -89,6 +91,7 @@ def test_correlated_noise_is_found_and_rejects_nothing(tau: float, most: int) ->
     assert rejected <= most
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tau", [10.0, 30.0, 100.0])
 def test_noise_slower_than_the_sections_rejects_the_model(tau: float) -> None:
     rng = np.random.default_rng(7)
@@ -197,6 +200,7 @@ def flicker(rng: np.random.Generator) -> list[Array]:
     return [series[k * SAMPLES : (k + 1) * SAMPLES] for k in range(len(LABELS))]
 
 
+@pytest.mark.slow
 def test_coloured_noise_is_rejected_no_more_often_than_the_level_says() -> None:
     rng = np.random.default_rng(10)
     found: list[list[float]] = []

@@ -68,6 +68,7 @@ def _peak_beyond_result(y: Array) -> int:
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_memory_beyond_the_result_does_not_grow_with_the_trials():
     solve(data(20))  # the kernels of many trials are loaded before memory is counted
     few, many = (_peak_beyond_result(data(k * BLOCK_TRIALS)) for k in (1, 4))
@@ -97,6 +98,7 @@ def short_blocks(monkeypatch: pytest.MonkeyPatch) -> int:
     return 80
 
 
+@pytest.mark.slow
 def test_normal_equations_take_the_place_of_the_jacobians(short_blocks: int):
     # Trials far from one another: the mean of others is a bad start for some.
     y = 2 * data(2 * short_blocks) ** np.linspace(0.2, 2, 2 * short_blocks)[:, None]
@@ -132,6 +134,7 @@ def test_trials_that_cannot_begin_at_the_mean_of_others_begin_at_the_start(short
     assert_allclose(found.value, solve(y).value, rtol=1e-6, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_second_problem_begins_at_the_estimate_of_the_first(short_blocks: int):
     y = 2 * data(2 * short_blocks)
 

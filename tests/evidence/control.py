@@ -16,7 +16,7 @@ from tests.check_standard.history import checked_sessions
 from tests.evidence import stored_counts
 from tests.repeatability.laboratory import MICRO, NAMES, Laboratory
 
-from inercal.estimation.uncertainty.cusum import chart_limit, cusum_limit, wider_limit
+from inercal.estimation.uncertainty.control_charts import chart_limit, cusum_limit, wider_limit
 from inercal.laboratory.check_standard import control_charts
 
 SEEDS, RUNS = (1, 2, 3), 9_000

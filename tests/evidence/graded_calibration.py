@@ -14,9 +14,8 @@ from tests.calibration.short_lines import require_short
 from tests.evidence.visibility_model import Files
 
 from inercal.basics.errors import InercalError
-from inercal.calibration.additions import Addition
 from inercal.calibration.detectability import undetectable_causes
-from inercal.calibration.explanation import UNDETECTABLE
+from inercal.calibration.explanation import UNDETECTABLE, Addition
 from inercal.pipeline import Outcome, calibrate
 
 Grade = Literal["consistent", "reservations", "unreliable", "refused"]

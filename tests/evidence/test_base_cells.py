@@ -9,6 +9,7 @@ from tests.evidence.graded_calibration import TOTAL
 from tests.evidence.violation_cells import BASE, Cell, Count, base_cells, count_answers
 
 
+@pytest.mark.slow
 def test_p_values_of_a_base_cell_are_those_of_its_devices():
     cell = next(base_cells("tumble", 3))
     parts = [count_answers((cell, range(k, k + 1))) for k in range(3)]

@@ -36,6 +36,7 @@ def test_the_page_is_that_of_the_stored_counts():
     assert auto.PAGE.read_text(encoding="utf-8") == auto.page(TALLIES, RUN)
 
 
+@pytest.mark.slow
 def test_the_rows_are_those_that_are_worked_out():
     assert {one.case for one in BASE} == set(auto.ESTIMABLE)
     for case in auto.QUICK:

@@ -41,6 +41,7 @@ def test_stored_false_alarms_are_rare(row: list[str]):
     assert float(row[8]) <= 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sensor", "law"),
     [

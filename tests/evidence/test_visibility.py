@@ -115,6 +115,7 @@ def test_without_noise_the_residual_of_the_estimator_has_the_norm_that_is_comput
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     # A recording of six positions leaves a drift open, which is in the estimator's u of biases and

@@ -276,6 +276,7 @@ def test_the_snippet_of_data_in_memory_gives_the_calibration_of_the_example():
     np.testing.assert_array_equal(found.values, example.values)
 
 
+@pytest.mark.slow
 def test_numbers_in_the_ferraris_guide_are_those_of_the_recording(data_dir: Path, tmp_path: Path):
     text = page("how-to/ferraris.md")
     example = ROOT / "examples" / "ferraris_recordings" / "session_a.toml"

@@ -126,6 +126,7 @@ def test_six_positions_from_a_table_of_means_agree_with_its_half_sums(examples: 
     assert outcome.calibration.value("ax.k0") == pytest.approx(bias, abs=1e-5 * 9.80665)
 
 
+@pytest.mark.slow
 def test_a_compressed_recording_is_calibrated_within_the_limit_that_its_run_file_states(
     examples: Path,
 ):
@@ -169,6 +170,7 @@ def recorded(
     return request.param, session(request.param, tmp_path_factory.mktemp("session"), data_dir)
 
 
+@pytest.mark.slow
 def test_recorded_sessions_agree_with_noise_and_bench_as_stated(recorded: tuple[str, Outcome]):
     assert recorded[1].estimate.consistent
 
@@ -191,6 +193,7 @@ def test_maximum_likelihood_agrees_with_imucal_within_its_uncertainty(
         assert abs(error) < 2 * calibration.uncertainty(coefficient), coefficient
 
 
+@pytest.mark.slow
 def test_the_script_prints_a_verdict_and_leaves_a_calibration_and_a_report(
     examples: Path,
     tmp_path: Path,
@@ -244,6 +247,7 @@ def test_the_register_guide_prints_what_its_examples_print_and_a_page_is_left(
     assert all("<svg" in page.read_text(encoding="utf-8") for page in pages)
 
 
+@pytest.mark.slow
 def test_the_centrifuge_guide_prints_what_its_example_prints(capsys: pytest.CaptureFixture[str]):
     runpy.run_path(str(ROOT / "examples" / "centrifuge" / "in_python.py"), run_name="__main__")
     guide = (ROOT / "docs" / "how-to" / "centrifuge.md").read_text(encoding="utf-8")

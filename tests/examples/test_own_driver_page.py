@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
+from inercal.host.driver_check import CHAMBER_CHECKS
 from inercal.host.driver_check.checks import CHECKS
-from inercal.host.driver_check.instrument_checks import CHAMBER_CHECKS
 from inercal.host.drivers.rotary_table import RotaryTable
 from inercal.host.drivers.table_address import DRIVERS
 from inercal.host.equipment import CHAMBERS, INSTRUMENTS

@@ -75,6 +75,7 @@ def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [slow("first-calibration"), "certificate", slow("fleet")])
 def test_a_tutorial_is_done_as_written(empty: Path, name: str):
     for step in steps(TUTORIALS / f"{name}.md"):

@@ -125,6 +125,7 @@ def rows(seen: Readings, kind: str) -> bytes:
     return np.column_stack([seen.output, seen.celsius]).astype(kind).tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("terms", "readouts"),
     [("linear", SI), ("full", COUNTS), slow("full", SI), slow("linear", COUNTS)],
@@ -146,6 +147,7 @@ def test_the_c_header_is_exact_to_single_precision(
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("terms", SETS)
 def test_the_cpp_header_is_exact(tmp_path: Path, terms: str):
     calibration = make_calibration(*SETS[terms], readouts=COUNTS, form="tilted")
@@ -154,6 +156,7 @@ def test_the_cpp_header_is_exact(tmp_path: Path, terms: str):
     np.testing.assert_allclose(found, seen.corrected, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("to", "inertial"), [("c", True), ("cpp", False)])
 def test_headers_correct_magnetometers(tmp_path: Path, to: str, inertial: bool):
     calibration = make_magnetometer("bias_dT", "scale_dT", inertial=inertial)
@@ -187,6 +190,7 @@ def test_integers_err_by_half_a_step_of_the_result(tmp_path: Path):
     assert error.mean() == pytest.approx(0.25, abs=0.01)
 
 
+@pytest.mark.slow
 def test_integers_err_by_what_the_header_states_where_they_cannot_hold_a_term(tmp_path: Path):
     calibration = make_calibration(*SETS["full"], readouts=COUNTS)
     seen = random_readings(calibration)
@@ -206,6 +210,7 @@ def test_integers_take_fractions_of_the_unit(tmp_path: Path):
     assert not any(one.exceeds for one in made.costs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("to", ["c", "c_fixed", "cpp"])
 def test_headers_compile_for_32_bits_without_a_library(tmp_path: Path, to: str):
     calibration = make_calibration(*SETS["full"], readouts=COUNTS)

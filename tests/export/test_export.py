@@ -139,6 +139,7 @@ def test_the_cost_of_a_misalignment_is_its_angle_times_the_force_across():
     assert made.losses[0].effect == pytest.approx(20e-3, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_refit_lessens_the_error_of_what_is_left_out():
     calibration = make_calibration(*LINEAR, "k2", "k3")
     plain = export_calibration(calibration, "imucal")
@@ -270,6 +271,7 @@ def test_a_stated_name_is_that_of_every_file_and_no_suffix_is_doubled(to: str, w
     assert path == Path(wanted)
 
 
+@pytest.mark.slow
 def test_the_verb_writes_beside_what_it_says(tmp_path: Path):
     path = inercal.save(make_calibration(), tmp_path / "run.calibration.json")
     out = tmp_path / "board.params"

@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "how-to" / "export.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_guide_shows_the_example_and_what_it_prints_and_its_header_runs(tmp_path: Path):
     script = ROOT / "examples" / "export" / "in_python.py"
     assert script.read_text(encoding="utf-8").split('"""\n\n')[1] in PAGE
@@ -39,6 +40,7 @@ def test_the_guide_shows_the_example_and_what_it_prints_and_its_header_runs(tmp_
     assert f"`{printed.strip()}`" in PAGE
 
 
+@pytest.mark.slow
 def test_the_guide_shows_what_the_example_of_kalibr_prints(tmp_path: Path):
     script = ROOT / "examples" / "export" / "from_kalibr.py"
     done = subprocess.run(

@@ -28,6 +28,7 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_each_sensor_has_a_file_with_the_device_id_of_its_row(line: Path, tmp_path: Path):
     out = tmp_path / "boards"
     arguments = ("fleet", "export", line, out, "--to", "px4", "--column", "acc_id=device_id")

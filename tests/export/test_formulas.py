@@ -293,6 +293,7 @@ def stated(text: str, kind: str, what: str = "error of this file") -> float:
     return float(found[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("to", "terms"),
     chosen(
@@ -383,6 +384,7 @@ def test_targets_of_the_output_take_counts(to: str):
     np.testing.assert_allclose(found, seen.corrected[:, :3], rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_axes_of_another_frame_are_turned_with_their_channels():
     calibration = make_calibration(*SETS["full"])
     turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -396,6 +398,7 @@ def test_axes_of_another_frame_are_turned_with_their_channels():
         np.testing.assert_allclose(found, turned.corrected, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["reference", "tilted"])
 def test_code_holds_the_model_in_both_forms(form: Form):
     calibration = make_calibration(*SETS["full"], readouts=COUNTS, form=form)

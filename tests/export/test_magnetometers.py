@@ -149,6 +149,7 @@ def test_axes_front_right_down_take_the_rotated_matrix_and_offset(to: str):
     np.testing.assert_allclose(found, polar()[1] @ TRUE_FIELD * 1e-6 * flip, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("terms", [(), ("bias_dT", "scale_dT")], ids=["linear", "temperature"])
 @pytest.mark.parametrize(("to", "inertial"), [("python", True), ("matlab", False)])
 def test_code_corrects_nine_axes_exactly(to: str, terms: tuple[str, ...], inertial: bool):
@@ -160,6 +161,7 @@ def test_code_corrects_nine_axes_exactly(to: str, terms: tuple[str, ...], inerti
     np.testing.assert_allclose(found, seen.corrected, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_matlab_file_states_a_and_b_of_magcal():
     calibration = make_magnetometer(readout=COUNTS, inertial=True)
     text = export_calibration(calibration, "matlab", name="imu_7").text
@@ -189,6 +191,7 @@ def test_the_csv_has_the_matrix_of_nine_axes():
     }
 
 
+@pytest.mark.slow
 def test_flight_controllers_take_all_three_kinds_in_one_file():
     calibration = make_magnetometer(inertial=True)
     alone, inertial = make_magnetometer(), make_calibration(readouts=SI)
@@ -304,6 +307,7 @@ def test_imports_follow_the_formulas_of_their_programs(tmp_path: Path):
     np.testing.assert_allclose(motion.m[0], np.array([12, 20, 48]) * 30e-6 / 45, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_magnetometers_of_an_autopilot_are_left_out_for_a_sensor_without(tmp_path: Path):
     path = tmp_path / "board.params"
     path.write_text(export(make_magnetometer(inertial=True), "px4").text, encoding="utf-8")

@@ -100,12 +100,14 @@ def project(request: pytest.FixtureRequest, tmp_path: Path) -> Project:
     return Project(folder, calibration)
 
 
+@pytest.mark.slow
 def test_the_sketch_prints_the_corrected_samples(project: Project):
     sketch = project.folder / "calibrated_imu"
     sources = (sketch / "calibrated_imu.ino", sketch / "imu_source.c", BOARDS / "arduino_main.cpp")
     project.require_corrected(done([project.compiled("sketch", *sources)]))
 
 
+@pytest.mark.slow
 def test_the_project_for_esp_idf_prints_the_corrected_samples(project: Project):
     if shutil.which("cmake") is None:
         pytest.skip("cmake is not installed")

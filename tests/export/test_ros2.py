@@ -52,6 +52,7 @@ def vector(one: Vector3) -> list[float]:
     return [one.x, one.y, one.z]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("terms", "readouts"), [(LINEAR, SI), (FULL, COUNTS)], ids=["linear", "full, counts"]
 )
@@ -70,6 +71,7 @@ def test_ten_thousand_readings_are_corrected_as_by_the_calibration(
     assert settings.CORRECT_FIELD is None
 
 
+@pytest.mark.slow
 def test_magnetometers_and_the_imu_are_corrected_in_their_own_messages(load: Loaded):
     calibration = make_magnetometer("bias_dT", "scale_dT", inertial=True)
     seen = magnetometer_readings(calibration, 500)
@@ -124,6 +126,7 @@ def one_message(load: Loaded, made: Export, stated: float = 0.0, **parameters: A
     return world.published["imu/data_corrected"][0]
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_corrected_samples_and_of_the_coefficients(load: Loaded):
     """Corrected noisy samples of drawn calibrations scatter as the covariance states."""
     calibration = make_calibration(*LINEAR, u=5e-4, size=2e-2)
@@ -177,6 +180,7 @@ def test_without_noise_the_covariance_of_the_message_stays_and_unknown_stays_unk
     assert not matrix_of(sent, "angular_velocity").any()
 
 
+@pytest.mark.slow
 def test_the_noise_is_read_from_the_file_of_a_noise_analysis(load: Loaded, tmp_path: Path):
     path = tmp_path / "imu.yaml"
     path.write_text("accelerometer_noise_density: 2.0e-03\nupdate_rate: 50\n", encoding="utf-8")
@@ -193,6 +197,7 @@ def test_a_density_without_a_rate_and_a_negative_rate_are_refused(wrong: dict[st
         export(make_calibration(), **wrong)
 
 
+@pytest.mark.slow
 def test_messages_that_lack_a_quantity_are_not_published_and_counted(load: Loaded):
     node, world = load(linear())
     one = node.CorrectionNode()
@@ -237,6 +242,7 @@ def test_saturated_messages_are_counted_and_dropped_on_request(load: Loaded, dro
     assert first.hardware_id == "IMU-7"
 
 
+@pytest.mark.slow
 def test_the_reference_temperature_is_used_and_said_once_until_one_arrives(load: Loaded):
     calibration = make_calibration(*LINEAR, *TEMPERATURE, u=0.0)
     node, world = load(export(calibration), temperature_timeout=5.0)

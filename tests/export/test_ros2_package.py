@@ -91,6 +91,7 @@ def test_sensors_without_three_aligned_axes_are_refused():
         export(inercal.Calibration(turned.with_coefficients("bias"), np.zeros(3), np.eye(3)))
 
 
+@pytest.mark.slow
 def test_the_verb_writes_a_folder_whole_and_overwrites_nothing_unasked(tmp_path: Path):
     path = inercal.save(make_calibration(), tmp_path / "run.calibration.json")
     out = tmp_path / "ws" / "imu"

@@ -91,6 +91,7 @@ def test_matrices_of_kalibr(to: str):
     assert turn[2, 0] == pytest.approx(0.0021, abs=6e-7)
 
 
+@pytest.mark.slow
 def test_numbers_of_imu_calib_px4_and_imu_tk():
     yaml = pytest.importorskip("yaml")
     content = yaml.safe_load(export_calibration(example(), "imu_calib").text)
@@ -128,6 +129,7 @@ def test_terms_of_ardupilot_about_35_degrees():
     assert (p["INS_TCAL1_TMIN"], p["INS_TCAL1_TMAX"]) == (-10, 60)
 
 
+@pytest.mark.slow
 def test_an_order_of_temperature_that_is_added_to_the_tables_is_exported_and_read(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):

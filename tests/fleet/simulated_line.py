@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.fleet import results
-from inercal.fleet.inputs import INSTALLED
+from inercal.fleet.inputs import ABSENT, INSTALLED
 from inercal.fleet.line import Line, read_line
-from inercal.fleet.recordings import ABSENT
 
 Array = NDArray[np.float64]
 COEFFICIENTS = tuple(f"a{k}.{term}" for k in "xyz" for term in ("k0", "k1", "delta_o", "delta_p"))

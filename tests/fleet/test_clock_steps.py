@@ -121,6 +121,7 @@ def test_exports_equal_new_calibrations_over_many_steps(
     check_steps(tmp_path, clock, seed, steps=12)
 
 
+@pytest.mark.slow
 def test_a_corrected_line_is_exported_though_the_clock_was_ahead(
     tmp_path: Path, clock: type[Clock]
 ):
@@ -144,6 +145,7 @@ def test_a_corrected_line_is_exported_though_the_clock_was_ahead(
     assert exported(folder) == ahead
 
 
+@pytest.mark.slow
 def test_files_of_an_outdated_result_say_so(tmp_path: Path):
     folder = make_line(tmp_path / "line", 2)
     calibrate(folder)

@@ -53,6 +53,7 @@ def test_rows_and_status_hold_the_conformity(folder: Path):
     )
 
 
+@pytest.mark.slow
 def test_limits_that_differ_from_sensor_to_sensor_are_counted_as_judged(folder: Path):
     line = read_line(folder)
     with SerialExecutor() as executor:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 from tests.fleet.lines import make_line, rows_of, write_table
 from tests.io.isolated_functions import crash
 
@@ -14,6 +15,7 @@ from inercal.recordings.io.readers import READERS, Reader
 CRASHING = Reader("crashing", crash, suffixes=(".crash",), isolation=Isolation("a recording"))
 
 
+@pytest.mark.slow
 def test_a_recording_that_crashes_its_library_fails_alone(tmp_path: Path):
     folder = make_line(tmp_path, 3)
     (folder / "recordings/S001.crash").write_bytes(b"damaged")

@@ -24,6 +24,7 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_outputs_name_a_wrong_scale_factor_and_a_repeated_recording(line: Path, tmp_path: Path):
     made = run_program("fleet", "calibrate", line)
     assert made.status == 3
@@ -48,6 +49,7 @@ def test_the_export_of_one_unreliable_sensor_warns(line: Path, tmp_path: Path):
         assert (ended.status, "S001" in ended.error) == (0, name == "S001")
 
 
+@pytest.mark.slow
 def test_one_recording_may_contain_the_columns_of_several_sensors(tmp_path: Path):
     folder = make_line(tmp_path, 1)
     columns, _ = readings(0)
@@ -61,6 +63,7 @@ def test_one_recording_may_contain_the_columns_of_several_sensors(tmp_path: Path
     assert (made["done"], made["same_recording"]) == (2, [])
 
 
+@pytest.mark.slow
 def test_noisy_and_failing_sensors_are_named_and_failures_lower_the_yield(tmp_path: Path):
     white = TEMPLATE.replace('unit = "g"', 'unit = "g"\nwhite = "14 µg/√Hz"')
     folder = make_line(tmp_path, 8, template=white + '[specification.limits]\nbias = "± 60 mg"\n')

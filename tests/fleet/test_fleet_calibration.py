@@ -41,6 +41,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_values_are_those_of_a_single_calibration(calibrated: Path):
     line = read_line(calibrated)
     for k, (row, sensor) in enumerate(zip(rows_of(calibrated), line.rows, strict=True)):
@@ -66,6 +67,7 @@ def test_the_calibration_file_of_a_row_is_read_as_it_was_written(calibrated: Pat
     assert loaded.provenance["recording sha256"] == row["recording_sha256"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [evidence(1), 7, 50])
 def test_batches_and_workers_change_no_value(calibrated: Path, tmp_path: Path, size: int):
     folder = make_line(tmp_path, 8)
@@ -74,6 +76,7 @@ def test_batches_and_workers_change_no_value(calibrated: Path, tmp_path: Path, s
     assert rows_of(folder) == rows_of(calibrated)
 
 
+@pytest.mark.slow
 def test_what_is_done_is_kept_and_a_changed_file_alone_is_computed_again(tmp_path: Path):
     folder = make_line(tmp_path, 5)
     run(folder)
@@ -131,6 +134,7 @@ def broken(folder: Path) -> Iterator[str]:
     yield write("S009.npz", **{**good, "t": good["t"][::-1].copy()})
 
 
+@pytest.mark.slow
 def test_broken_recordings_are_rows_with_reasons_and_the_rest_is_done(tmp_path: Path):
     folder = make_line(tmp_path, 24)
     names = list(broken(folder))
@@ -222,6 +226,7 @@ class Interrupted(TolerantExecutor):
         self._serial.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [evidence(0), 1, evidence(3)])
 def test_an_interrupted_fleet_goes_on_to_the_same_rows(calibrated: Path, tmp_path: Path, most: int):
     folder = make_line(tmp_path, 8)
@@ -232,6 +237,7 @@ def test_an_interrupted_fleet_goes_on_to_the_same_rows(calibrated: Path, tmp_pat
     assert rows_of(folder) == rows_of(calibrated)
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_the_fleet_and_keeps_what_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -37,6 +37,7 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_line_of_the_examples_is_calibrated_as_its_page_says(tmp_path: Path):
     folder = Path(shutil.copytree(ROOT / "examples" / "fleet", tmp_path / "fleet"))
     page = (ROOT / "docs" / "how-to" / "fleet.md").read_text(encoding="utf-8")
@@ -53,6 +54,7 @@ def test_the_line_of_the_examples_is_calibrated_as_its_page_says(tmp_path: Path)
     assert u[4] > 1.5 * max(u[:4])
 
 
+@pytest.mark.slow
 def test_a_line_is_calibrated_said_and_exported(line: Path, tmp_path: Path):
     first = run_program("fleet", "calibrate", line, "--json")
     assert first.status == 3  # a sensor has no result
@@ -103,6 +105,7 @@ def test_the_calibration_file_of_one_sensor_is_exported(line: Path, tmp_path: Pa
     assert path.read_bytes() == kept
 
 
+@pytest.mark.slow
 def test_calibrations_are_entered_once_in_the_register(line: Path, tmp_path: Path):
     register = str(tmp_path / "register.db")
     for _ in range(2):

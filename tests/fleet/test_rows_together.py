@@ -13,8 +13,8 @@ from tests.fleet.lines import TEMPLATE, readings
 from inercal.basics.small_files import read_toml
 from inercal.fleet import batch
 from inercal.fleet.batch import Work, result_row
+from inercal.fleet.inputs import Version
 from inercal.fleet.line import Line, SensorRow
-from inercal.fleet.recordings import Version
 from inercal.pipeline import similar_runs
 
 MOST = 1e-9  # u
@@ -99,6 +99,7 @@ def compare(line: Line, monkeypatch: pytest.MonkeyPatch) -> tuple[list[dict[str,
     return out.rows, sum(counts)
 
 
+@pytest.mark.slow
 def test_good_and_bad_recordings_together_have_the_rows_that_they_have_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -119,6 +120,7 @@ def test_good_and_bad_recordings_together_have_the_rows_that_they_have_alone(
     assert together >= 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["ferraris", "rates_and_poses", slow("centrifuge_norm")])
 def test_each_method_of_means_gives_the_rows_of_single_calibrations(
     method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

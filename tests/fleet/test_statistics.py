@@ -30,6 +30,7 @@ def of(found: FleetStatistics, name: str):
     return found.coefficients[COEFFICIENTS.index(name)]
 
 
+@pytest.mark.slow
 def test_scatter_in_truth_is_found_beneath_the_uncertainty(tmp_path: Path):
     truth = Truth(within=2.0, lots=1.5, u=2.0, lot_size=40)
     found = statistics(tmp_path, 4_000, truth)
@@ -67,6 +68,7 @@ def test_capability_has_the_interval_of_bissell():
     assert one_sided.value == 1.0
 
 
+@pytest.mark.slow
 def test_capability_in_truth_is_that_of_the_sensors(tmp_path: Path):
     truth = Truth(within=3.0, lots=0.0, u=3.0)
     bias = of(statistics(tmp_path, 4_000, truth), "ay.k0")
@@ -77,6 +79,7 @@ def test_capability_in_truth_is_that_of_the_sensors(tmp_path: Path):
     assert of(statistics(tmp_path / "b", 50, limits=""), "ay.k0").observed is None
 
 
+@pytest.mark.slow
 def test_outliers_are_named_and_do_not_enlarge_the_scatter(tmp_path: Path):
     found = statistics(tmp_path, 2_000, Truth(outliers=10))
     named = [one.id for one in found.outliers]
@@ -98,6 +101,7 @@ def test_an_outlier_among_fewer_sensors_than_their_covariance_needs_is_named(tmp
     assert found.outliers_by_chance == 0.05
 
 
+@pytest.mark.slow
 def test_drift_and_shift_of_a_station_are_found(tmp_path: Path):
     truth = Truth(lots=0.2, lot_size=25, drift=3.0, station_shift=1.5)
     found = statistics(tmp_path, 2_000, truth)
@@ -119,6 +123,7 @@ def test_few_lots_are_no_trend(tmp_path: Path):
     assert wrong <= 2  # of 480
 
 
+@pytest.mark.slow
 def test_control_chart_shows_the_bench_that_changed(tmp_path: Path):
     centre, charts = control_charts(population(tmp_path, 6_000, Truth(chi2_jump=2.0)))
     beyond = {one.station: one.beyond for one in charts}
@@ -127,6 +132,7 @@ def test_control_chart_shows_the_bench_that_changed(tmp_path: Path):
     assert_allclose(centre, 1.0, atol=0.15)
 
 
+@pytest.mark.slow
 def test_yield_follows_the_rule(tmp_path: Path):
     found = statistics(tmp_path, 3_000, Truth(within=4.0, u=2.0))
     share = {(one.rule.name, one.rule.factor): one.share for one in found.yields}
@@ -152,6 +158,7 @@ def test_lots_and_stations_have_their_own_rows(tmp_path: Path):
     assert len(found.stations) == 3
 
 
+@pytest.mark.slow
 def test_object_and_page_say_the_same(tmp_path: Path):
     found = statistics(tmp_path, 300, Truth(outliers=2, lot_size=50))
     content = json.loads(json.dumps(statistics_object(found)))

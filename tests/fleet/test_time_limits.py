@@ -21,8 +21,8 @@ from inercal.basics.parallel import (
     Task,
     TimeExceeded,
     TolerantExecutor,
+    executor,
     open_tolerant_executor,
-    steps,
 )
 from inercal.basics.parallel.isolated_executor import IsolatedExecutor
 from inercal.fleet import calibration as fleet_calibration
@@ -92,6 +92,7 @@ def test_the_limit_follows_from_the_times_of_the_others():
     assert TimeLimit(3.0).seconds(10**9, early=True) == 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [evidence(1), 3, evidence(8)])
 def test_a_sensor_that_hangs_is_named_and_the_others_are_done(tmp_path: Path, batch: int):
     folder = make_line(tmp_path, 8)
@@ -138,14 +139,14 @@ def test_a_limit_that_is_none_is_refused(tmp_path: Path, seconds: str):
 
 def test_the_time_of_a_stopped_client_is_nobodys_delay(monkeypatch: pytest.MonkeyPatch):
     times = iter([0.0, 0.5, 1000.0, 1000.5])
-    monkeypatch.setattr(steps, "monotonic", lambda: next(times))
-    clock = steps.AwakeClock()
+    monkeypatch.setattr(executor, "monotonic", lambda: next(times))
+    clock = executor.AwakeClock()
     assert [clock() for _ in range(3)] == [0.5, 2.5, 3.0]
 
 
 def hang(line: Line, out: results.ResultWriter, work: Sequence[Work]) -> BatchDone:
     """Calibrate nothing; one sensor hangs, and the process of another is stopped."""
-    from inercal.basics.parallel.steps import begin_step
+    from inercal.basics.parallel.executor import begin_step
 
     rows: list[dict[str, Any]] = []
     for number, one in enumerate(work):

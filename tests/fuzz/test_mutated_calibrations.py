@@ -89,6 +89,7 @@ def strict(content: Any, like: Any) -> bool:
     return type(content) is type(like) and content == like
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "used"), [(20, 4), slow(200, 40), evidence(100_000, 400)])
 def test_a_mutated_calibration_is_refused_or_read_as_it_stands(
     tmp_path: Path, count: int, used: int

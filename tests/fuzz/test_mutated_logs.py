@@ -24,6 +24,7 @@ def _parts() -> Iterator[object]:
             )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "numbers"), [*_parts()])
 def test_a_mutated_log_is_drafted_or_refused_by_one_line(
     name: str, numbers: range, tmp_path: Path, capfd: pytest.CaptureFixture[str]

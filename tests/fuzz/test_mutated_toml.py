@@ -42,6 +42,7 @@ def require_one_line(error: InercalError) -> None:
     assert "\n" not in str(error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", COUNTS)
 def test_a_mutated_run_file_is_read_or_refused_by_one_line(tmp_path: Path, count: int):
     folders = {text: path.parent for path, text in RUN_FILES.items()}
@@ -64,6 +65,7 @@ def test_a_mutated_run_file_is_read_or_refused_by_one_line(tmp_path: Path, count
     assert 0.1 * count < refused < count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", COUNTS)
 def test_a_mutated_description_of_packets_decodes_any_bytes_or_is_refused(count: int):
     refused = 0

@@ -19,12 +19,12 @@ from inercal.host.drivers.motor import Motor
 from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.drivers.rotary_table import AxisLimits
 from inercal.host.packets import read_layout
+from inercal.host.packets.encode import PacketPacker
 from inercal.host.sim.bench_simulator import COUNTS_PER_TURN, BenchDevice
 from inercal.host.sim.chamber import SimulatedChamber
 from inercal.host.sim.imu_model import SimulatedImu
 from inercal.host.sim.motion_link import MotionBlock
 from inercal.host.sim.motor import SimulatedMotor
-from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.simulated_errors import draw_errors
 from inercal.runfile import Run
 

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from inercal.benches.turntable.attitude import ideal_readback, motion
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.simulation import PathProfile, path_profile
-from inercal.host.drivers.rotary_table import AxisState, TableState
+from inercal.host.drivers.rotary_table import AxisState, TableState, pack_state
 from inercal.host.packets import PacketLayout, encode, read_layout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog
-from inercal.host.table_state_codec import pack_state
 from inercal.physics.plan import Position, Rotation
 from inercal.runfile import Run, read
 

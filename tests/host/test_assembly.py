@@ -73,6 +73,7 @@ def schedules(logged: list[LogFrame]) -> Iterator[list[int]]:
     yield np.sort(rng.choice(np.arange(1, n), 40, replace=False)).tolist()
 
 
+@pytest.mark.slow
 def test_the_samples_are_the_same_however_they_are_taken(
     run: Run, logged: list[LogFrame], whole: tuple[SampleAssembler, SampleBlock]
 ):
@@ -124,6 +125,7 @@ def test_a_changed_byte_never_enters(hard: Bench, whole: tuple[SampleAssembler, 
     assert hard.changed.sum() > 200
 
 
+@pytest.mark.slow
 def test_clocks_are_tied_within_the_declared_latency(run: Run):
     for seed, delay in ((1, 0.0), (2, 4e-3)):
         bench = Bench(run, seed=seed, delay=delay, quiet=True)
@@ -135,6 +137,7 @@ def test_clocks_are_tied_within_the_declared_latency(run: Run):
         assert min(candidates) < bench.bench.latency.value + 3 * bench.bench.latency.sd
 
 
+@pytest.mark.slow
 def test_angles_between_polls_are_true_to_an_arcsecond_away_from_kinks(run: Run):
     bench = Bench(run, seed=4, quiet=True)
     _, block = taken(run, bench.frames())
@@ -177,6 +180,7 @@ def test_a_hold_that_is_void_keeps_its_number_and_loses_its_label(
     assert (block.hold[labels == "y+"] == -1).all()
 
 
+@pytest.mark.slow
 def test_a_first_rest_that_was_interrupted_is_left_out_of_the_recording(run: Run):
     faults = Faults(outages=((15.0, 25.0),))
     bench = Bench(run, seed=6, faults=faults)
@@ -193,6 +197,7 @@ def test_a_first_rest_that_was_interrupted_is_left_out_of_the_recording(run: Run
         assert parts.hold.tobytes() == block.hold.tobytes()
 
 
+@pytest.mark.slow
 def test_a_first_rest_of_twenty_seconds_is_enough(run: Run):
     bench = Bench(run, seed=6, faults=Faults(outages=((24.5, 30.0),)))
     made, block = taken(run, bench.frames())
@@ -233,6 +238,7 @@ def replace_time(frame: LogFrame, time: float) -> LogFrame:
     return frame._replace(payload=np.float64(time).tobytes() + frame.payload[8:])
 
 
+@pytest.mark.slow
 def test_an_imu_that_was_silent_for_longer_than_half_its_counters_turn_is_followed(run: Run):
     """In one session: the decoder alone would take the step for one back."""
     longer = PATH.replace("warm-up,position,0,0,0,24", "warm-up,position,0,0,0,225")
@@ -244,6 +250,7 @@ def test_an_imu_that_was_silent_for_longer_than_half_its_counters_turn_is_follow
     assert block.table[-1] - bench.servo > 235
 
 
+@pytest.mark.slow
 def test_a_torn_frame_at_the_end_loses_what_it_held(
     run: Run, tmp_path: Path, logged: list[LogFrame], hard: Bench
 ):
@@ -263,6 +270,7 @@ def test_a_torn_frame_at_the_end_loses_what_it_held(
     assert part.hold.tobytes() == whole.hold[:n].tobytes()
 
 
+@pytest.mark.slow
 def test_nothing_comes_of_the_time_before_the_first_section_or_before_clocks_are_tied(run: Run):
     bench = Bench(run, seed=10)
     logged = bench.frames()
@@ -312,6 +320,7 @@ def test_packets_that_cannot_be_timed_are_refused(run: Run):
         SampleAssembler(run, replace(ascii_like, rate_hz=None))
 
 
+@pytest.mark.slow
 def test_without_readback_no_sample_waits_for_an_angle(tmp_path: Path):
     without = {
         'kind = "turntable"': 'kind = "turntable"\nreadback = false',

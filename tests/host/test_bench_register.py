@@ -101,6 +101,7 @@ def test_a_register_that_goes_away_does_not_stop_a_run(
     assert program("store", "import", folder) == 0
 
 
+@pytest.mark.slow
 def test_of_devices_that_are_not_there_nothing_is_entered(tmp_path: Path, program: Program):
     run, address = plan(tmp_path / "plan"), tmp_path / "register.db"
     nowhere = (

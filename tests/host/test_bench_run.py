@@ -58,6 +58,7 @@ def run_with(tmp_path: Path, bench: BenchSimulator, label: str, phase: str, act:
     return carried_out(tmp_path / "run", bench, run, [(label, phase, act)])
 
 
+@pytest.mark.slow
 def test_a_run_does_its_steps_in_order_and_leaves_no_packet_out(shared: Bench):
     ended = shared.first
     assert ended.done, ended.words
@@ -86,6 +87,7 @@ def test_how_fast_a_bench_is_run_changes_no_byte_and_no_number(tmp_path: Path, s
     assert live.values.tolist() == others.values.tolist()
 
 
+@pytest.mark.slow
 def test_an_imu_that_is_unplugged_has_the_run_pause_and_go_on_when_it_is_back(
     tmp_path: Path, bench: BenchSimulator
 ):
@@ -186,6 +188,7 @@ def test_a_table_that_is_gone_ends_the_run_in_words(
     assert ended.run.trouble
 
 
+@pytest.mark.slow
 def test_readings_of_the_table_that_fail_leave_the_angles_beside_them_unusable(
     tmp_path: Path, bench: BenchSimulator
 ):
@@ -219,6 +222,7 @@ def test_readings_of_the_table_that_fail_leave_the_angles_beside_them_unusable(
     assert ended.words.count("no whole reply") == 4
 
 
+@pytest.mark.slow
 def test_corrupt_bytes_and_lost_packets_are_counted_and_none_of_them_enters(
     tmp_path: Path, bench: BenchSimulator
 ):
@@ -245,6 +249,7 @@ def test_corrupt_bytes_and_lost_packets_are_counted_and_none_of_them_enters(
     assert 0.7 < squares / components < 1.3
 
 
+@pytest.mark.slow
 def test_an_operator_may_pause_a_run_and_let_it_go_on(tmp_path: Path, bench: BenchSimulator):
     ended = carried_out(
         tmp_path / "run",

@@ -77,6 +77,7 @@ def test_a_run_begins_at_the_time_it_is_given_and_goes_on_from_there(wall: Wall)
     assert told.now() == pytest.approx(102.5)
 
 
+@pytest.mark.slow
 def test_of_the_host_only_what_is_stored_named_or_shown_reads_the_date():
     readers = set[str]()
     for path in Path(host.__path__[0]).rglob("*.py"):

@@ -192,6 +192,7 @@ def check(server: SimulatorServer[Any], address: str) -> tuple[CheckResult, ...]
     return check_driver(address, now=lambda: server.device.time)
 
 
+@pytest.mark.slow
 def test_the_template_passes_in_both_forms_of_its_address():
     with template() as server:
         assert failed(check(server, f"spindle:{server.address}")) == set()
@@ -219,6 +220,7 @@ UNWRAPPED = change(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stated", "changes", "found_by"),
     [

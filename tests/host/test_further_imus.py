@@ -117,6 +117,7 @@ def test_each_imu_of_a_run_finds_its_own_truth_even_after_a_kill(
     assert again.values.tolist() == done.further["imu3"].calibration.values.tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("only_recorded")
 def test_a_lost_further_imu_gives_one_warning_and_a_gap_only_in_its_own_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -197,6 +198,7 @@ def test_in_a_chamber_each_recording_has_the_temperatures_of_the_chamber(
     require_same_table(folder, "imu2", "soaks.h5")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("only_recorded")
 def test_three_imus_of_a_simulated_bench_are_read_and_one_may_be_unplugged(tmp_path: Path):
     run, folder = plan(tmp_path / "plan", SHORT, [SLOW_RATE]), tmp_path / "run"

@@ -82,6 +82,7 @@ def guard(server: Served, table: Pmac) -> Iterator[Guard]:
         yield guard
 
 
+@pytest.mark.slow
 def test_a_table_is_stopped_on_request_and_twice_is_once(server: Served, table: Pmac, guard: Guard):
     assert guard.stop()
     assert guard.stop()
@@ -108,6 +109,7 @@ def test_a_guard_that_is_let_go_leaves_the_table_as_it_is(server: Served, guard:
     assert _turning(server)
 
 
+@pytest.mark.slow
 def test_silence_counts_from_the_first_beat_and_stops_once(server: Served, guard: Guard):
     quiet = monotonic() + 0.8
     _until(lambda: monotonic() > quiet)
@@ -127,6 +129,7 @@ def test_silence_counts_from_the_first_beat_and_stops_once(server: Served, guard
     assert _hear(guard, "at rest")
 
 
+@pytest.mark.slow
 def test_what_a_host_commands_while_its_table_is_stopped_is_stopped_again(
     server: Served, table: Pmac, guard: Guard
 ):
@@ -147,6 +150,7 @@ def test_what_a_host_commands_while_its_table_is_stopped_is_stopped_again(
     assert not _turning(server)
 
 
+@pytest.mark.slow
 def test_a_table_that_is_off_is_not_switched_on(server: Served, table: Pmac, guard: Guard):
     guard.stop()
     _hear(guard, "at rest")
@@ -158,6 +162,7 @@ def test_a_table_that_is_off_is_not_switched_on(server: Served, table: Pmac, gua
     assert not any(axis.enabled for axis in table.read().axes)
 
 
+@pytest.mark.slow
 def test_a_table_that_does_not_slow_down_is_killed(server: Served, table: Pmac, guard: Guard):
     with server.lock:
         server.device.table.halt = lambda i, abort=False: None  # neither ^A nor J/ is obeyed
@@ -171,6 +176,7 @@ def test_a_table_that_does_not_slow_down_is_killed(server: Served, table: Pmac, 
     assert not any(axis.enabled for axis in table.read().axes)
 
 
+@pytest.mark.slow
 def test_a_motor_that_refuses_does_not_keep_the_guard_from_the_others(
     server: Served, table: Pmac, guard: Guard
 ):
@@ -182,6 +188,7 @@ def test_a_motor_that_refuses_does_not_keep_the_guard_from_the_others(
     assert not _turning(server)
 
 
+@pytest.mark.slow
 def test_a_table_whose_controller_refuses_to_stop_is_killed(server: Served, guard: Guard):
     line, asked = server.device.interpreter.execute_line, list[bytes]()
 
@@ -222,6 +229,7 @@ def test_a_table_that_is_gone_and_comes_back_is_stopped(server: Served, table: P
         assert not _turning(again)
 
 
+@pytest.mark.slow
 def test_a_guard_without_host_and_table_gives_up_in_the_end(server: Served, table: Pmac):
     with Guard(_address(server), patience=0.5) as guard:
         server.stop()
@@ -230,6 +238,7 @@ def test_a_guard_without_host_and_table_gives_up_in_the_end(server: Served, tabl
         _until(lambda: not guard.alive)
 
 
+@pytest.mark.slow
 def test_an_idle_guard_finds_its_link_lost_and_says_when_it_is_ready_again(
     server: Served, guard: Guard
 ):
@@ -252,6 +261,7 @@ def test_no_table_and_no_address_are_told_when_the_guard_starts(server: Served):
         Guard(_address(server))
 
 
+@pytest.mark.slow
 def test_a_table_that_does_not_answer_at_first_is_found_all_the_same(
     server: Served, monkeypatch: pytest.MonkeyPatch
 ):
@@ -351,6 +361,7 @@ def _ended(pid: int) -> bool:
         return True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_host_that_is_killed_or_frozen_has_its_table_stopped(
     server: Served, table: Pmac, how: signal.Signals

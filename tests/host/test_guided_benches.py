@@ -43,6 +43,7 @@ def asked(run: Run, readings: dict[str, list[float]]) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", chosen(WITH_SHEET, ("ferraris", "rates_and_poses")))
 def test_errors_of_what_was_measured_are_as_stated(method: str, tmp_path: Path):
     more = "turns = 10" if kind_for(method).rows_of_table else ""

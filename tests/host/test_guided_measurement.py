@@ -112,6 +112,7 @@ def test_a_kill_between_any_two_writes_loses_no_accepted_reading(
     assert sheet(run_file).read_bytes() == whole.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_killed_terminal_goes_on_where_it_was(run_file: Path, tmp_path: Path):
     given = lines(readings(run_file))
     whole = tmp_path / "whole.csv"

@@ -6,9 +6,8 @@ import pytest
 from inercal.basics.units import Measured
 from inercal.benches.turntable import Turntable
 from inercal.host.assembly.table_polls import TablePolls
-from inercal.host.drivers.rotary_table import AxisState, TableState
+from inercal.host.drivers.rotary_table import AxisState, TableState, pack_state, unpack_states
 from inercal.host.run_log import TABLE, LogFrame
-from inercal.host.table_state_codec import pack_state, unpack_states
 
 POLL = 0.02  # s
 

@@ -28,6 +28,7 @@ def voltmeter() -> SimulatorServer[Voltmeter]:
     return serve(lambda line: replies[line])
 
 
+@pytest.mark.slow
 def test_the_driver_for_visa_passes_at_a_socket():
     with voltmeter() as server:
         address = f"visa:TCPIP0::{server.address[6:].replace(':', '::')}::SOCKET?backend=@py"
@@ -147,6 +148,7 @@ class ClosedOnce(LineMeter):
         super().close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "checks"),
     [

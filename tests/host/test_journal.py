@@ -111,6 +111,7 @@ for k in range(10**6):
 """
 
 
+@pytest.mark.slow
 def test_every_step_that_was_told_done_is_there_after_a_kill(tmp_path: Path):
     for k in range(5):
         path = tmp_path / f"{k}.sqlite"

@@ -15,11 +15,11 @@ from tests.host.simulated_runs import Interfered, carried_out, plan
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.link import open_link
 from inercal.host.packets import read_layout
+from inercal.host.packets.encode import PacketPacker
 from inercal.host.sim import motion_link
 from inercal.host.sim.bench_simulator import BenchDevice
 from inercal.host.sim.imu_model import SimulatedImu
 from inercal.host.sim.mimu import MotionServer, PacketSender
-from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
 from inercal.runfile import Run, read
 

@@ -117,6 +117,7 @@ def test_live_is_the_recordings_calibration_to_the_last_bit(
     assert set(live.innovations) == {"w", "f"}
 
 
+@pytest.mark.slow
 def test_the_truth_is_recovered_over_losses_and_an_outage(
     bench: Bench, logged: list[LogFrame], folder: Path
 ):

@@ -57,6 +57,7 @@ def rests_from(my: ByHand, axis: int) -> float:
     return max(one.time for one in my.trace if abs(one.rates[axis]) > 0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("last", [2.53, *map(evidence, (2.5, 2.57, 2.61))])
 def test_a_jog_whose_messages_cease_brakes_within_0_3_s(my: ByHand, last: float):
     held = [*holds(my, 1.0, 2.4), (last, my.ask("hold", press=1))]
@@ -76,6 +77,7 @@ def test_a_key_that_is_let_go_stops_at_once_and_late_messages_revive_nothing(my:
     assert any("not started" in words for words in my.said("info"))
 
 
+@pytest.mark.slow
 def test_an_angle_or_a_rate_beyond_the_limits_is_refused_before_anything_moves(my: ByHand):
     my.limit(2, -30, 30)
     script = [
@@ -96,6 +98,7 @@ def test_an_angle_or_a_rate_beyond_the_limits_is_refused_before_anything_moves(m
         assert reason in words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [-1, evidence(1)])
 def test_a_jog_into_a_limit_stops_before_it_though_the_key_is_held(my: ByHand, sign: int):
     my.limit(3, -10, 10)
@@ -108,6 +111,7 @@ def test_a_jog_into_a_limit_stops_before_it_though_the_key_is_held(my: ByHand, s
     assert any("its limit is at" in words for words in my.said("warning"))
 
 
+@pytest.mark.slow
 def test_a_fault_of_one_axis_stops_all_and_is_in_the_journal(my: ByHand):
     fault = (2.0, lambda host: host.bench.fault("amplifier 2"))
     then = (4.0, my.ask("jog", axis="middle", rate=5, press=2))
@@ -173,6 +177,7 @@ def test_a_hand_may_turn_an_axis_whose_servo_is_off(my: ByHand):
     assert [axis.enabled for axis in state.axes] == [False, True, False]
 
 
+@pytest.mark.slow
 def test_the_journal_has_every_command_by_whom_and_when_and_the_end(my: ByHand):
     script = [
         (0.1, my.ask("servo", axis="middle", on=True)),

@@ -82,6 +82,7 @@ def dense(run: Run, track: Track, values: Array) -> tuple[Array, Array]:
     return cs, vs
 
 
+@pytest.mark.slow
 def test_attitude_and_velocity_are_those_of_the_dense_oracle(run: Run):
     faults = Faults(lost=0.02, silent=((44.0, 45.0),))
     track = track_of(run, Bench(run, seed=2, faults=faults))
@@ -94,6 +95,7 @@ def test_attitude_and_velocity_are_those_of_the_dense_oracle(run: Run):
         assert seen.velocity == pytest.approx(vs[end - 1], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_pieces_change_nothing(run: Run, quiet: Track):
     values = truth(run)
     whole = Navigator(run.sensor, table(run)).feed(quiet, values)

@@ -116,6 +116,7 @@ def test_a_backlog_has_the_dates_at_which_it_was_sent(
     assert all(first <= k <= last for k in missed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("bits", "seconds", "packets"),
     [

@@ -140,6 +140,7 @@ def _fuzz(count: int) -> int:
     return taken
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [20_000, evidence(200_000), evidence(1_000_000)])
 def test_damaged_frames_raise_nothing_but_the_protocols_errors(frames: int):
     assert _fuzz(frames) > 0.05 * frames

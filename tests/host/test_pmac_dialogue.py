@@ -126,6 +126,7 @@ def test_a_refusal_keeps_the_connection(pmac: Served):
     assert len(links) == 1
 
 
+@pytest.mark.slow
 def test_corrupted_bytes_are_never_a_silent_number(pmac: Served):
     with PmacDialogue(pmac.address, 0.2) as dialogue:
         pmac.faults.corrupt = 7

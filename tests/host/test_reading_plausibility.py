@@ -19,9 +19,9 @@ from inercal.host.assembly.reading_plausibility import (
     AxisReading,
     ReadingPlausibility,
 )
+from inercal.host.drivers.rotary_table import unpack_states
 from inercal.host.live_estimator import LiveEstimator
 from inercal.host.run_log import TABLE, LogFrame
-from inercal.host.table_state_codec import unpack_states
 from inercal.runfile import Run
 
 ARCSEC = radians(1 / 3600)
@@ -51,6 +51,7 @@ def judged(readings: Sequence[AxisReading], check: ReadingPlausibility) -> list[
     return [check.accept(k * STEP, [one], settled=one.rate == 0) for k, one in enumerate(readings)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", chosen(range(5), (0,)))
 def test_no_true_reading_is_left_out(run: Run, seed: int):
     bench = Bench(run, seed=seed, latency=0.004)
@@ -62,6 +63,7 @@ def test_no_true_reading_is_left_out(run: Run, seed: int):
     assert made.tally.implausible_polls == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [0.2, -5.0, evidence(5.0), evidence(40.0)])
 def test_a_wrong_digit_is_left_out_wherever_it_is(error: float):
     true = list(turn())
@@ -155,6 +157,7 @@ def samples(run: Run, frames: Sequence[LogFrame]) -> tuple[SampleAssembler, Samp
     return made, block
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_angles_between_are_true_where_digits_were_wrong(run: Run, seed: int):
     bench = Bench(run, seed=seed, quiet=True)
@@ -167,6 +170,7 @@ def test_angles_between_are_true_where_digits_were_wrong(run: Run, seed: int):
     assert np.isfinite(block.noise_gain).mean() > 0.98
 
 
+@pytest.mark.slow
 def test_angles_beside_an_outage_through_a_stop_are_not_usable(run: Run):
     """The table is not read for 0.1 s in which the turn ends: it may have stopped anywhere."""
     bench = Bench(run, seed=2, quiet=True, faults=Faults())
@@ -188,6 +192,7 @@ def test_angles_beside_an_outage_through_a_stop_are_not_usable(run: Run):
     assert off[usable].max() < 20 * ARCSEC
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", chosen(range(3), (0,)))
 def test_the_filter_goes_through_an_outage_at_a_stop_by_the_gyros(run: Run, seed: int):
     """Angles interpolated through the stop gave a NIS of hundreds and biases that were off."""
@@ -208,6 +213,7 @@ def test_the_filter_goes_through_an_outage_at_a_stop_by_the_gyros(run: Run, seed
         assert 0.8 < nis / components < 1.1
 
 
+@pytest.mark.slow
 def test_the_interpolation_says_how_far_it_is_off(run: Run):
     """Where an axis begins to accelerate a cubic is off by arcseconds, and its sd is as large."""
     errors, expected, steady = list[float](), list[float](), list[float]()
@@ -224,6 +230,7 @@ def test_the_interpolation_says_how_far_it_is_off(run: Run):
     assert min(steady) > 0.9
 
 
+@pytest.mark.slow
 def test_the_noise_of_angles_is_that_of_the_readings_times_its_gain(tmp_path: Path):
     run = run_file(tmp_path, PATH, **{'noise = "0.5 ″"': 'noise = "20 ″"'})
     noisy, quiet = (

@@ -113,6 +113,7 @@ def followed(
             yield account
 
 
+@pytest.mark.slow
 def test_nothing_is_navigated_before_all_coefficients_are_estimated(
     tmp_path: Path, logged: list[LogFrame]
 ):
@@ -129,6 +130,7 @@ def test_nothing_is_navigated_before_all_coefficients_are_estimated(
             assert (account.navigation is not None) == navigated
 
 
+@pytest.mark.slow
 def test_a_mistake_of_a_method_from_outside_ends_its_estimate_and_not_the_run(
     tmp_path: Path, logged: list[LogFrame]
 ):
@@ -143,6 +145,7 @@ def test_a_mistake_of_a_method_from_outside_ends_its_estimate_and_not_the_run(
         assert ends == ["live estimation ends: KeyError: 'all'"]
 
 
+@pytest.mark.slow
 def test_what_was_said_before_an_interruption_is_not_said_again(
     tmp_path: Path, logged: list[LogFrame]
 ):
@@ -158,6 +161,7 @@ def test_what_was_said_before_an_interruption_is_not_said_again(
             assert journal.events() == said
 
 
+@pytest.mark.slow
 def test_an_end_of_live_estimation_that_only_the_replay_comes_to_is_said_once(
     tmp_path: Path, logged: list[LogFrame]
 ):
@@ -172,6 +176,7 @@ def test_an_end_of_live_estimation_that_only_the_replay_comes_to_is_said_once(
     assert "begins with a rest of 11" in event.words
 
 
+@pytest.mark.slow
 def test_of_a_run_that_goes_on_losses_are_told_when_there_are_more(
     tmp_path: Path, logged: list[LogFrame]
 ):
@@ -187,6 +192,7 @@ def test_of_a_run_that_goes_on_losses_are_told_when_there_are_more(
     assert lost < int(event.words.split()[2]) < account.assembly.tally.bytes.lost
 
 
+@pytest.mark.slow
 def test_a_section_is_done_when_the_samples_of_its_end_are_in_the_log(
     tmp_path: Path, logged: list[LogFrame]
 ):

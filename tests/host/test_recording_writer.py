@@ -42,6 +42,7 @@ def run(bench: Bench, folder: Path) -> Run:
     return bench.run
 
 
+@pytest.mark.slow
 def test_a_recording_holds_what_was_assembled_to_the_last_bit(run: Run, folder: Path):
     made = SampleAssembler(run, LAYOUT)
     for frame in read_frames(folder / "log"):
@@ -88,6 +89,7 @@ def test_a_log_without_a_section_leaves_nothing_behind(run: Run, tmp_path: Path)
     assert not list(tmp_path.glob("*.h5"))
 
 
+@pytest.mark.slow
 def test_a_recording_is_written_whole_or_not_at_all(run: Run, folder: Path, tmp_path: Path):
     (tmp_path / "file").touch()
     with refused(file=run.data.file):
@@ -126,6 +128,7 @@ def test_packets_without_temperature_are_refused_where_it_has_a_column(tmp_path:
         require_recordable(run, read_layout("novatel"))
 
 
+@pytest.mark.slow
 def test_columns_are_named_rightly_where_a_method_leaves_the_accelerometers_out(
     run: Run, folder: Path, tmp_path: Path
 ):

@@ -54,6 +54,7 @@ def read(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     return counted
 
 
+@pytest.mark.slow
 def test_each_file_is_read_for_its_digest_once(
     ended: tuple[RunFolder, Journal], read: Counter[str], monkeypatch: pytest.MonkeyPatch
 ):
@@ -78,6 +79,7 @@ def test_each_file_is_read_for_its_digest_once(
     assert journal.header().state == "done"
 
 
+@pytest.mark.slow
 def test_the_digests_of_the_raw_data_are_kept_before_calibration_begins(
     ended: tuple[RunFolder, Journal], monkeypatch: pytest.MonkeyPatch
 ):

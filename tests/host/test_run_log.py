@@ -122,6 +122,7 @@ sys.stdin.read()
 """
 
 
+@pytest.mark.slow
 def test_a_log_that_another_host_writes_is_refused_untouched_until_that_host_is_killed(path: Path):
     pipe = subprocess.PIPE
     with subprocess.Popen(

@@ -135,6 +135,7 @@ def test_errors_of_many_ship_runs_are_as_stated(
     assert chi2.ppf(0.001, count) < total < chi2.ppf(0.999, count)
 
 
+@pytest.mark.slow
 def test_a_killed_run_repeats_its_state_and_asks_for_no_mounting_again(
     tmp_path: Path, begun: Callable[[int], tuple[Run, InProcessBench]]
 ):
@@ -195,6 +196,7 @@ def test_a_confirmation_from_before_the_request_has_no_table_turn(
         assert journal.mounting() == ""
 
 
+@pytest.mark.slow
 def test_without_a_terminal_real_hardware_needs_a_file_of_answers(tmp_path: Path):
     run, folder = ship(tmp_path / "plan"), tmp_path / "run"
     words = ["bench", "run", str(run.path), "--table", "motor:tcp://127.0.0.1:9"]
@@ -207,6 +209,7 @@ def test_without_a_terminal_real_hardware_needs_a_file_of_answers(tmp_path: Path
     assert not folder.exists()
 
 
+@pytest.mark.slow
 def test_a_confirmation_of_another_step_has_no_table_turn(
     tmp_path: Path, begun: Callable[[int], tuple[Run, InProcessBench]]
 ):

@@ -24,6 +24,7 @@ from inercal.host.clock import SimulatedClock, Tick
 from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.link import open_link
 from inercal.host.packets import Decoder, read_layout
+from inercal.host.packets.encode import PacketPacker
 from inercal.host.sim import bench_simulator as bench_module
 from inercal.host.sim.bench_simulator import (
     COUNTS_PER_TURN,
@@ -33,7 +34,6 @@ from inercal.host.sim.bench_simulator import (
 )
 from inercal.host.sim.imu_model import SimulatedImu
 from inercal.host.sim.mimu import PacketSender, serve_motion
-from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.server import SimulatorServer
 from inercal.host.sim.simulated_errors import draw_errors
 from inercal.runfile import Run, read
@@ -246,6 +246,7 @@ def test_the_readback_is_that_of_the_bench(run: Run):
         np.testing.assert_allclose(said, exact, rtol=0, atol=2 * 2 * np.pi / COUNTS_PER_TURN)
 
 
+@pytest.mark.slow
 def test_noise_of_the_readback_is_of_its_cycle_however_often_it_is_asked_for(run: Run):
     assert isinstance(run.bench, Turntable)
     noisy = replace(run, bench=replace(run.bench, white=1e-4, harmonics=()))
@@ -362,6 +363,7 @@ def test_the_command_serves_without_an_input_until_it_is_interrupted():
         assert served.wait(20.0) not in (0, 2)
 
 
+@pytest.mark.slow
 def test_a_bench_that_cannot_be_simulated_says_so(tmp_path: Path):
     with refused(names=("imu",)):
         BenchSimulator(MIMU, preset="morse")

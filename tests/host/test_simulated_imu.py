@@ -14,11 +14,11 @@ from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import motion
 from inercal.host.link import LinkLost, SerialLink, TcpLink, open_link
 from inercal.host.packets import PRESETS, Decoder, encode, read_layout
+from inercal.host.packets.encode import PacketPacker
 from inercal.host.sim import imu_model as kernel
 from inercal.host.sim.imu_model import SensorResponse, SimulatedImu, draw_bias_drift
 from inercal.host.sim.mimu import PacketSender, SimulatorPort, TcpPort, TerminalPort, packet_rate
 from inercal.host.sim.motion_link import MotionBlock
-from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.simulated_errors import draw_errors, noise_generator
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Noise, imu
@@ -326,6 +326,7 @@ def test_a_host_gets_every_byte_also_after_it_was_plugged_anew(kind: str, tmp_pa
     assert sender.sent == 2 * 4 * 36
 
 
+@pytest.mark.slow
 def test_a_port_that_nobody_reads_overruns_and_holds_nobody_up(tmp_path: Path):
     port = TerminalPort(tmp_path / "imu")
     lot = bytes(1 << 20)
@@ -367,6 +368,7 @@ def test_the_rate_is_that_of_the_packets_or_refused(run: Run):
         packet_rate(replace(run, rate_hz=None), read_layout("fixed"), None)
 
 
+@pytest.mark.slow
 def test_the_bench_is_drawn_alike_from_a_seed(run: Run):
     assert draw_errors(run, 5).values == draw_errors(run, 5).values
     assert isinstance(run.bench, Turntable)

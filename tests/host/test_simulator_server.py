@@ -38,6 +38,7 @@ def _tell(process: subprocess.Popen[str], line: str) -> str:
     return process.stdout.readline().strip()
 
 
+@pytest.mark.slow
 def test_a_process_of_its_own_serves_at_told_time_and_ends_with_its_input():
     with _process("pmac", "--port", "0", "--pace", "told") as (process, address):
         with Pmac(address, AXES, timeout=20.0) as table:
@@ -54,6 +55,7 @@ def test_a_process_of_its_own_serves_at_told_time_and_ends_with_its_input():
         assert process.wait(20) == 0
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_is_a_lost_link():
     with (
         _process("pmac") as (process, address),

@@ -9,8 +9,7 @@ import pytest
 from tests.host.soak_runs import soak_run
 from tests.refusals import refused
 
-from inercal.host.chamber_port import ChamberPort
-from inercal.host.equipment import ChamberState
+from inercal.host.equipment import ChamberPort, ChamberState
 from inercal.host.link import LinkLost
 from inercal.host.packets import read_layout
 from inercal.host.sim.chamber import SimulatedChamber
@@ -88,6 +87,7 @@ def test_a_step_begins_only_when_chamber_and_sensor_are_stable(bench: Bench):
     assert not bench.control.may_begin(STEPS)
 
 
+@pytest.mark.slow
 def test_the_next_soak_begins_with_its_first_step(bench: Bench):
     bench.wait_until_stable()
     bench.number = STEPS
@@ -98,6 +98,7 @@ def test_the_next_soak_begins_with_its_first_step(bench: Bench):
     assert bench.chamber.case_temperature == pytest.approx(ZERO + 25, abs=200 * CRITERIA.drift)
 
 
+@pytest.mark.slow
 def test_without_a_thermometer_the_stated_time_counts():
     profile = ChamberProfile((ZERO - 20, ZERO + 25), wait=1200.0)
     bench = Bench(replace(SOAKS, profile=profile), has_thermometer=False)
@@ -107,6 +108,7 @@ def test_without_a_thermometer_the_stated_time_counts():
     assert bench.time - within == pytest.approx(1200.0, abs=2.0)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_drifts_ends_the_run_after_the_longest_wait(bench: Bench):
     bench.sensor = ZERO + 20
     for _ in bench.ticks(3100):
@@ -126,6 +128,7 @@ def test_a_soak_that_is_lost_must_become_stable_again(bench: Bench):
     bench.wait_until_stable()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("fault", "named"), [("door", "door"), ("sensor", "sensor failure")])
 def test_a_chamber_that_reports_a_fault_ends_the_run_within_a_second(
     bench: Bench, fault: str, named: str
@@ -181,6 +184,7 @@ def test_a_temperature_that_runs_away_ends_the_run_within_a_second(
     assert "10 K/min" in bench.words
 
 
+@pytest.mark.slow
 def test_the_chamber_at_its_own_rate_with_noise_is_not_too_fast():
     environment = replace(SOAKS, criteria=replace(CRITERIA, max_rate=3.5 / 60))
     bench = Bench(environment)
@@ -188,6 +192,7 @@ def test_the_chamber_at_its_own_rate_with_noise_is_not_too_fast():
     assert bench.words is None
 
 
+@pytest.mark.slow
 def test_a_chamber_without_a_reply_is_a_trouble_within_a_second_until_it_replies(bench: Bench):
     bench.wait_until_stable()
     bench.chamber.fault("silent")

@@ -46,6 +46,7 @@ def fault(words: str) -> Faulty:
     return act
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("disturb", "named"),
     [

@@ -58,6 +58,7 @@ def test_a_trapezoid_takes_the_time_of_the_textbook():
     assert taken == pytest.approx(1.0 / 0.5 + 0.5 / 2.0, abs=3 * table.period)
 
 
+@pytest.mark.slow
 def test_an_s_curve_has_no_step_of_acceleration():
     steps = []
     for smooth in (1, 200):

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.host.drivers.rotary_table import AxisState, TableState
-from inercal.host.table_state_codec import pack_state, unpack_states
+from inercal.host.drivers.rotary_table import AxisState, TableState, pack_state, unpack_states
 
 STATE = TableState(
     12.5,

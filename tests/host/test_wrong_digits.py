@@ -22,11 +22,10 @@ from inercal.host import bench_run
 from inercal.host.addresses import open_table
 from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.demonstration import DemonstrationResult, demo
-from inercal.host.drivers.rotary_table import RotaryTable, TableState
+from inercal.host.drivers.rotary_table import RotaryTable, TableState, unpack_states
 from inercal.host.packets import read_layout
 from inercal.host.recording_writer import write_recording
 from inercal.host.run_log import TABLE, RunLog, read_frames
-from inercal.host.table_state_codec import unpack_states
 from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS
 from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.physics.frames import log_so3

@@ -62,6 +62,7 @@ def test_the_file_is_what_the_tool_writes():
     assert written == as_text(bill_of_materials()), "run make dependencies"
 
 
+@pytest.mark.slow
 @same_system
 def test_scopes_are_those_of_core_and_extras():
     scopes = {one["name"]: one.get("scope") for one in COMPONENTS}

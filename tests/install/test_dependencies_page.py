@@ -27,6 +27,7 @@ def test_the_page_lists_every_extra_with_what_it_asks_for():
     )
 
 
+@pytest.mark.slow
 def test_every_package_stands_with_its_version_and_licence():
     names = core_packages().union(*(added for _, added in extras().values()))
     listed = {

@@ -53,6 +53,7 @@ def run(
     )
 
 
+@pytest.mark.slow
 def test_a_calibration_with_its_report_needs_nothing_of_unix(program: Path, tmp_path: Path):
     done = run(program, "calibrate", EXAMPLES / "six_position" / "run.toml", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
@@ -61,6 +62,7 @@ def test_a_calibration_with_its_report_needs_nothing_of_unix(program: Path, tmp_
     assert names == {"run.calibration.json", "run.report.html"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [

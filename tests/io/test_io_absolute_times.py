@@ -103,6 +103,7 @@ def test_files_of_one_clock_share_the_first_stamp(tmp_path: Path):
     np.testing.assert_allclose(found.time, np.arange(N) / 20 - 1.5, atol=3e-7)
 
 
+@pytest.mark.slow
 def test_bags_share_the_first_stamp(tmp_path: Path):
     pytest.importorskip("rosbags")
     from tests.io.ros_files import EPOCH_NS, RAW, messages, write_bag

@@ -80,6 +80,7 @@ def messages(path: Path) -> Iterator[tuple[str, int, Any]]:
             yield connection.topic, ns, store.deserialize_cdr(raw, connection.msgtype)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "storage"), PLACES)
 def test_inercal_reads_back_every_bit(tmp_path: Path, name: str, storage: str):
     made = motion()
@@ -134,6 +135,7 @@ def test_a_quantity_that_was_not_measured_is_marked_as_absent(tmp_path: Path):
     assert {topic for topic, _, _ in messages(magnetic)} == {FIELD_TOPIC}
 
 
+@pytest.mark.slow
 def test_columns_without_a_field_are_named_and_the_mark_of_a_simulation_is_kept(tmp_path: Path):
     labels, mark = np.full(N, "up"), "simulation of run.toml, seed 3"
     made = motion(labels=labels, readback={"angle": np.zeros(N)}, simulation=mark)
@@ -193,6 +195,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_verb_writes_new_bags_only(log: Path, tmp_path: Path):
     files = ("apply", log / "ros.calibration.json", log / "ros.toml", "--out")
     for name, form in (("c.mcap", ()), ("bag", ("--format", "sqlite3")), ("other", ())):

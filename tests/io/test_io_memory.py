@@ -64,6 +64,7 @@ def peak() -> Iterator[Callable[[], int]]:
     tracemalloc.stop()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("save", [save_csv, evidence(save_npz), evidence(save_parquet), save_hdf5])
 def test_reading_and_auditing_need_less_than_double(
     tmp_path: Path,

@@ -10,7 +10,7 @@ import pytest
 from inercal.basics.errors import InputError
 from inercal.recordings.io import plain_numbers, text
 from inercal.recordings.io.column_table import ReadRequest, Table, shorten
-from inercal.recordings.io.text_scan import LONGEST_LINE, scan
+from inercal.recordings.io.plain_numbers import LONGEST_LINE, scan
 
 Read = Callable[[Path, ReadRequest], Table]
 ALL = ReadRequest()
@@ -120,6 +120,7 @@ def test_more_rows_than_the_samples_show_are_read(
     assert len(loads) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [b"\xff", b"\0", b"7" * (LONGEST_LINE + 1)])
 def test_what_is_no_text_is_refused_before_a_missing_column(
     loads: list[bool], tmp_path: Path, wrong: bytes
@@ -140,6 +141,7 @@ def test_what_is_no_text_is_refused_before_a_missing_column(
     assert True not in loads
 
 
+@pytest.mark.slow
 def test_odd_files_are_read_or_refused_as_by_the_tolerant_way(
     loads: list[bool], tolerant: Read, tmp_path: Path
 ):
@@ -178,8 +180,8 @@ def test_without_pyarrow_and_for_small_files_the_tolerant_way_reads(
 def test_the_line_that_is_too_long_is_named_whatever_the_blocks(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, blocks: int
 ):
-    monkeypatch.setattr("inercal.recordings.io.text_scan.BLOCK_BYTES", blocks)
-    monkeypatch.setattr("inercal.recordings.io.text_scan.LONGEST_LINE", 9)
+    monkeypatch.setattr("inercal.recordings.io.plain_numbers.BLOCK_BYTES", blocks)
+    monkeypatch.setattr("inercal.recordings.io.plain_numbers.LONGEST_LINE", 9)
     path = tmp_path / "a.csv"
     path.write_text("1234\n\n12345678\n12345678\n1")
     assert scan(path)[1:] == (5, 5)

@@ -72,6 +72,7 @@ def test_a_file_of_one_column_keeps_it(tmp_path: Path, first: str):
     assert len(read_table(path).names) == 1
 
 
+@pytest.mark.slow
 def test_the_parser_of_long_files_starts_below_them_too(tmp_path: Path):
     path = tmp_path / "log.csv"
     rows = "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(400_000))

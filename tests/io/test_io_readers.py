@@ -117,6 +117,7 @@ def test_readers_have_the_names_they_are_registered_by():
     assert {one.name: one.keys for one in READERS.values()} == keys | {"text": ("skip",)}
 
 
+@pytest.mark.slow
 def test_no_reader_is_imported_before_a_file_is_read():
     text = (
         "import sys, inercal.cli.app, inercal.recordings.io.read; "
@@ -229,6 +230,7 @@ def test_an_option_may_be_that_of_the_readback_s_file_alone(tmp_path: Path):
     assert reader_columns(run).options == {"topic": "table"}
 
 
+@pytest.mark.slow
 def test_an_installed_package_brings_a_reader(tmp_path: Path):
     site = tmp_path / "site"
     info = site / "theirs-1.0.dist-info"

@@ -78,6 +78,7 @@ def test_readings_are_read_bit_for_bit_from_one_topic_or_two(
     np.testing.assert_allclose(found.temperature - 273.15, SAMPLES.temperature, atol=0.095)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [evidence(".mcap"), ".db3"])
 def test_a_split_bag_is_read_like_a_single_file(bags: dict[str, Path], suffix: str, tmp_path: Path):
     sent = list(messages(SAMPLES, first=False))

@@ -143,6 +143,7 @@ def _some(made: Recording, part: slice) -> Recording:
     )
 
 
+@pytest.mark.slow
 def test_a_run_file_with_two_files_gives_what_one_file_gives(tmp_path: Path):
     _simulated(tmp_path)
     one = calibrate(run_file(tmp_path, FERRARIS))
@@ -155,6 +156,7 @@ def test_a_run_file_with_two_files_gives_what_one_file_gives(tmp_path: Path):
     assert "gyro recording" not in one.calibration.provenance
 
 
+@pytest.mark.slow
 def test_a_run_file_with_gyro_times_joins_what_one_file_gives(tmp_path: Path):
     _simulated(tmp_path)
     run = read(run_file(tmp_path, FERRARIS))

@@ -25,6 +25,7 @@ def recording(n: int = 200, simulation: str = MARK) -> Recording:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_the_mark_comes_back_and_the_table_is_as_without_it(suffix: str, tmp_path: Path):
     marked, plain = tmp_path / f"marked{suffix}", tmp_path / f"plain{suffix}"
@@ -63,6 +64,7 @@ def test_rows_of_a_marked_csv_have_the_lines_of_the_file(tmp_path: Path):
     assert lines[read.line(0) - 1].startswith("0.0,")  # pyright: ignore[reportOptionalOperand]
 
 
+@pytest.mark.slow
 def test_a_long_marked_csv_is_read_by_the_fast_parser(tmp_path: Path):
     from inercal.recordings.io.plain_numbers import SMALLEST, load_plain
     from inercal.recordings.io.text_layout import sniff

@@ -90,6 +90,7 @@ def test_one_line_of_a_hundred_million_characters_costs_little(tmp_path: Path):
     tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_a_long_line_is_found_across_blocks(tmp_path: Path):
     path = tmp_path / "log.csv"
     path.write_bytes(b"1,2\n" * ((1 << 22) - 100_000) + b"1" * 1_000_001 + b"\n1,2\n")

@@ -39,6 +39,7 @@ def draw(k, seed):
     return data, "south" if south else "north", reversed_force
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "count"), sampled(96, 500))
 def test_cases_of_all_axes_are_found_or_refused_with_the_right_reason(seed, count):
     for k in range(count):

@@ -68,6 +68,7 @@ def rests(n, tilt=180.0, **options):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "expected"),
     [
@@ -87,6 +88,7 @@ def test_uncertainties_for_a_number_of_rests(make, expected):
     assert_medians(draw(make), expected, digits)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tilt", "offset", "alignment"),
     [
@@ -104,6 +106,7 @@ def test_uncertainties_for_a_range_of_tilts(tilt, offset, alignment):
     assert_medians(rows, (offset, alignment), (0.005 if tilt < 60 else 0.0005, 0.0005))
 
 
+@pytest.mark.slow
 def test_gyros_reduce_the_uncertainty_of_twelve_rests():
     def linked(rng):
         attitude = sim.scattered(rng, 12)
@@ -115,6 +118,7 @@ def test_gyros_reduce_the_uncertainty_of_twelve_rests():
     assert_medians(draw(linked), expected, (0.0005, 0.005, 0.0005, 0.0005, 0.0005, 0.005))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("azimuths", "offset", "heading"),
     [(2, 0.0434, 0.289), evidence(3, 0.029, 0.18), evidence(4, 0.026, 0.15)],

@@ -43,6 +43,7 @@ def disturbances(rng, own):
     yield "rest", f"field at rest {single + 1}", {"disturbance": only * way}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("links", [evidence(False), True])
 @pytest.mark.parametrize(("seed", "count"), sampled(50, 150))
 def test_false_alarms_are_at_most_two_per_cent(links, seed, count):
@@ -129,6 +130,7 @@ def test_a_step_is_named_with_its_size():
     np.testing.assert_array_less(best.sd, 0.1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "count"), sampled(6, 30))
 def test_an_inhomogeneous_field_is_estimated_with_its_interval(seed, count):
     tau, errors, covered = [], [], 0
@@ -155,6 +157,7 @@ def test_a_homogeneous_field_has_an_upper_bound():
     assert 0 < high < 0.005
 
 
+@pytest.mark.slow
 def test_more_than_five_per_cent_is_refused():
     rng = np.random.default_rng(3)
     own = sim.device(rng)

@@ -130,6 +130,7 @@ def test_whole_numbers_leave_the_unit_open_unless_a_field_is_stated(
         assert abs(per_field / size - 1) < 0.1
 
 
+@pytest.mark.slow
 def test_the_hemisphere_decides_about_a_left_handed_triad(tmp_path: Path):
     mirrored = np.diag([1.0, 1.0, -1.0])
     head = "t,ax,ay,az,gx,gy,gz,mx,my,mz"
@@ -137,6 +138,7 @@ def test_the_hemisphere_decides_about_a_left_handed_triad(tmp_path: Path):
     assert found["sensor.magnetometer.axis"] == ["x", "y", "-z"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("untried")
 def test_no_magnetometers_are_found_where_there_are_none(tmp_path: Path):
     rng = np.random.default_rng(7)

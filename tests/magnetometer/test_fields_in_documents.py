@@ -33,6 +33,7 @@ def at_rest(seed: int = 2) -> Recording:
     return Recording(time, y.T + 4e4, names, units, source="rest.csv", sha256=f"{seed:064d}")
 
 
+@pytest.mark.slow
 def test_noise_of_a_magnetometer_is_found_in_nanotesla(tmp_path: Path):
     analysis = analyse_noise(at_rest(), terms="NBK")
     units = {"N": "nT/√Hz", "B": "nT", "K": "nT/√s"}
@@ -101,6 +102,7 @@ def test_the_report_states_d_its_parts_and_the_heading():
     assert len(coefficients(cast("Any", Outcome()), None)[-1].axes) == 3
 
 
+@pytest.mark.slow
 def test_verbs_read_a_calibration_with_magnetometers(tmp_path: Path):
     first = calibrated(nine_axes(), D, OFFSET)
     later = replace(first, values=first.values + 3 * first.std)

@@ -48,6 +48,7 @@ def test_the_attitude_is_integrated_exactly():
     np.testing.assert_allclose(turns, long, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", [1, evidence(2), evidence(3)])
 @pytest.mark.parametrize("noise", [True, False], ids=["stated noise", "noise of the data"])
 def test_coefficients_biases_and_delay_are_found_within_4_u(device: int, noise: bool):
@@ -60,6 +61,7 @@ def test_coefficients_biases_and_delay_are_found_within_4_u(device: int, noise: 
     assert one.judged.grade == "consistent"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [evidence(-0.0173), evidence(0.0), 0.0411])
 def test_a_delay_between_samples_is_found(delay: float):
     one = moved(4, delay=delay, every=1)
@@ -81,6 +83,7 @@ def test_errors_in_motion_agree_with_their_covariance(seed: int):
     assert whole.ppf(0.0005) < sum(values) < whole.ppf(0.9995)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [0, evidence(1), evidence(2)])
 def test_turns_about_one_axis_only_are_refused_with_the_combinations(axis: int):
     """The field along the axis is constant, as the offset is."""
@@ -91,6 +94,7 @@ def test_turns_about_one_axis_only_are_refused_with_the_combinations(axis: int):
     assert len(caught.value.directions) > 1
 
 
+@pytest.mark.slow
 def test_a_step_of_the_field_is_found_with_its_time():
     step = 2e-6 * np.array([0.6, 0.0, 0.8])
     one = moved(6, step=step)
@@ -105,6 +109,7 @@ def test_a_step_of_the_field_is_found_with_its_time():
     assert one.judged.grade == "unreliable"
 
 
+@pytest.mark.slow
 def test_a_simulated_run_gives_its_truth(tmp_path: Path):
     run = read(Path(copy(EXAMPLE, tmp_path)))
     write_recordings({run.file(name): made for name, made in simulate_files(run).items()})

@@ -41,6 +41,7 @@ def analysed(path: Path, **stated: str) -> NoiseAnalysis:
     return analyse_noise(read_rest_recording(path, {**GYRO, **stated}), terms="N")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [evidence("mag_x_uT,mag_y_uT,mag_z_uT"), "m1,m2,m3"])
 def test_columns_are_found_by_their_units_or_as_stated(names: str, tmp_path: Path):
     found = analysed(log(tmp_path, names), **(STATED if names == "m1,m2,m3" else {}))
@@ -66,6 +67,7 @@ def test_without_a_unit_or_with_repeated_values_they_are_left_out(tmp_path: Path
         analysed(log(tmp_path, "m1,m2,m3", 5), **STATED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [1, 5])
 def test_those_of_a_run_file_are_analysed_if_no_value_is_repeated(every: int, tmp_path: Path):
     log(tmp_path, "mx,my,mz", every)

@@ -66,6 +66,7 @@ def test_a_row_is_dropped_with_its_rest(tmp_path: Path, made: Made):
     assert_array_equal(part.mean, whole.magnetic.mean[[3, 5]])
 
 
+@pytest.mark.slow
 def test_a_magnetometer_with_a_slower_clock_may_leave_cells_empty(tmp_path: Path, made: Made):
     path = made.write(tmp_path / "log.csv")
     lines = path.read_text().splitlines()

@@ -54,6 +54,7 @@ def write(folder: Path, **parts: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_plan_states_the_uncertainties_that_a_calibration_of_it_has(tmp_path: Path):
     run = read(write(tmp_path, **RECORDED))
     expected = {one.name: one.std for one in build_worksheet(run).expected}

@@ -78,6 +78,7 @@ def test_axes_as_stated_are_calibrated_and_others_refused(which: str, rng: Rng, 
     assert "run.toml" in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hemisphere", "other", "sign"), [("north", "south", 1), ("south", "north", -1)]
 )
@@ -95,6 +96,7 @@ def test_the_field_points_down_in_the_north_only(
     assert 'axis = ["-x", "-y", "-z"]' in refusal(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [evidence("G"), evidence("mG"), "LSB"])
 def test_other_units_give_the_same_and_a_wrong_unit_is_named(unit: str, rng: Rng, tmp_path: Path):
     own, attitude = sim.device(rng), sim.scattered(rng, N)
@@ -148,6 +150,7 @@ def test_a_constant_axis_is_refused(rng: Rng, tmp_path: Path):
     assert "my" in refusal(path)
 
 
+@pytest.mark.slow
 def test_repeated_values_of_a_slow_magnetometer_count_once(rng: Rng, tmp_path: Path):
     own, attitude, every = sim.device(rng), sim.scattered(rng, N), 5
     sizes = []
@@ -171,6 +174,7 @@ def test_too_few_rests_are_refused(rng: Rng, tmp_path: Path):
     assert "6 attitudes" in refusal(path)
 
 
+@pytest.mark.slow
 def test_one_azimuth_for_each_face_is_refused_with_what_it_leaves_open(rng: Rng, tmp_path: Path):
     attitude = np.repeat(sim.six_faces(rng, 1), 2, axis=0)
     data = sim.rests(rng, attitude, sim.device(rng))
@@ -187,6 +191,7 @@ def test_one_azimuth_for_each_face_is_refused_with_what_it_leaves_open(rng: Rng,
     require_true(outcome, own)
 
 
+@pytest.mark.slow
 def test_a_step_of_the_field_is_named_and_never_consistent(rng: Rng, tmp_path: Path):
     own, attitude = sim.device(rng), sim.scattered(rng, N)
     change = np.zeros((N, 3))
@@ -200,6 +205,7 @@ def test_a_step_of_the_field_is_named_and_never_consistent(rng: Rng, tmp_path: P
     assert label in judged.lines[0] + judged.lines[1]
 
 
+@pytest.mark.slow
 def test_a_rest_next_to_iron_is_named(rng: Rng, tmp_path: Path):
     own, attitude = sim.device(rng), sim.scattered(rng, N)
     change = np.zeros((N, 3))
@@ -211,6 +217,7 @@ def test_a_rest_next_to_iron_is_named(rng: Rng, tmp_path: Path):
     assert judged.suspect.name == f"field at {label_at(outcome, 7)}"
 
 
+@pytest.mark.slow
 def test_another_field_at_each_rest_is_refused(rng: Rng, tmp_path: Path):
     own, attitude = sim.device(rng), sim.scattered(rng, N)
     change = 0.1 * own.strength * rng.standard_normal((N, 3))

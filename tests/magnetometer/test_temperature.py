@@ -55,6 +55,7 @@ def squares(outcome: Outcome) -> float:
     return float(z / sd @ np.linalg.solve(covariance, z / sd))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "keys", "count"),
     [
@@ -76,6 +77,7 @@ def test_errors_of_temperature_coefficients_agree_with_their_covariance(
     assert chi2(6 * count).ppf(0.0005) < total < chi2(6 * count).ppf(0.9995)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [True, False])
 def test_orders_that_the_data_need_are_chosen(gain: bool, tmp_path: Path):
     outcome = calibrate(soaks(tmp_path, "six_position", 'temperature_order = "auto"', 6, gain=gain))
@@ -92,6 +94,7 @@ def test_orders_that_the_data_need_are_chosen(gain: bool, tmp_path: Path):
         assert abs(error) < 4 * outcome.calibration.uncertainty(name)
 
 
+@pytest.mark.slow
 def test_temperature_terms_that_are_left_out_are_seen(tmp_path: Path):
     outcome = calibrate(soaks(tmp_path, "six_position", "", 7))
     assert outcome.verdict.grade != "consistent"

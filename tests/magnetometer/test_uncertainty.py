@@ -90,6 +90,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "count"), sampled(30, 200))
 def test_errors_of_24_rests_agree_with_their_covariance(seed, count):
     errors, chi2, dof = [], 0.0, 35
@@ -117,6 +118,7 @@ REPRESENTATIVE = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", chosen(CASES, REPRESENTATIVE))
 @pytest.mark.parametrize(("seed", "share"), sampled(0.4, 1.0))
 def test_errors_agree_with_their_covariance(case, seed, share):
@@ -132,6 +134,7 @@ def test_errors_agree_with_their_covariance(case, seed, share):
     assert chi2 / dof == pytest.approx(1, abs=band(dof, 1))
 
 
+@pytest.mark.slow
 def test_wrong_accelerometers_that_are_taken_as_exact_raise_chi_squared(seed):
     chi2, dof = 0.0, 0
     for k in range(12):
@@ -145,6 +148,7 @@ def test_wrong_accelerometers_that_are_taken_as_exact_raise_chi_squared(seed):
     assert chi2 / dof > 1 + 2 * band(dof, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "count"), sampled(80, 100))
 def test_cross_covariance_predicts_the_effect_of_the_accelerometers_error(seed, count):
     """What the known error does not explain has the remaining covariance."""
@@ -187,6 +191,7 @@ def test_strength_with_an_uncertainty_and_free_strength_agree_with_their_covaria
     assert np.mean(free) == pytest.approx(1, abs=band(13, count))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "count"), sampled(12, 60))
 def test_stated_dip_agrees_with_its_covariance_and_reduces_the_uncertainty(seed, count):
     errors = []
@@ -222,6 +227,7 @@ def test_temperature_coefficients_of_the_offset_are_estimated(seed, count):
     assert np.mean(errors) == pytest.approx(1, abs=band(3, count))
 
 
+@pytest.mark.slow
 def test_an_offset_of_twenty_fields_does_not_disturb_the_starts():
     for k in range(20):
         rng = np.random.default_rng(k)

@@ -142,6 +142,7 @@ def test_a_repeated_face_is_still_refused_without_magnetometers(tmp_path: Path):
         inputs(tmp_path, {**changes, "sensor.gyro": None, "data.gyro": None})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("field", "warned"), [("51 µT ± 1 µT", False), ("60 µT ± 1 µT", True)])
 def test_a_field_that_is_stated_wrong_gives_reservations(
     tmp_path: Path, made: Made, field: str, *, warned: bool

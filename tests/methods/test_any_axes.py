@@ -96,6 +96,7 @@ def test_an_axis_along_a_ramp_of_known_lag_gets_the_result_of_the_triad():
         require_same(warmed([direction], alone, lag), whole)
 
 
+@pytest.mark.slow
 def test_the_noise_of_an_axis_is_that_in_the_triad():
     reading = axis_devices.drifting(np.array(TRIAD, dtype=float), 5)
     value, u = drifted(TRIAD, reading)

@@ -107,6 +107,7 @@ def with_noise(seen: Observations, noise: float) -> Observations:
     return replace(seen, covariance=seen.covariance * (noise / NOISE) ** 2)
 
 
+@pytest.mark.slow
 def test_the_equations_of_the_source_run_on_its_own_table(corrected: Array):
     """(16) to (22) on Table 1, whose only noise is the rounding of the last digit."""
     _, rates = printed_design()
@@ -255,6 +256,7 @@ def test_four_thousand_calibrations_reach_the_bound(seed: int):
     assert found.chi2.mean() == pytest.approx(51, abs=0.8)
 
 
+@pytest.mark.slow
 def test_calibrations_together_are_those_of_each_alone():
     output, rates = drawn(4, 20)
     seen, made, spins = table(output, rates)

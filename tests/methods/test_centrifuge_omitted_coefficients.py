@@ -97,6 +97,7 @@ def _with_bench(triad: Triad, seed: int):
     return seen, sensor, BENCH, spins
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("triad", "word"),
     [
@@ -119,6 +120,7 @@ def test_screening_names_the_coefficient_that_explains_the_scatter(triad: Triad,
     assert (one.row, [r.kind for r in one.repairs]) == (17, ["sign"])
 
 
+@pytest.mark.slow
 def test_rows_alone_are_blamed_on_no_coefficient():
     output, rates = outputs(TRUTH, 6)
     output[[3, 17, 40], [0, 1, 2]] *= -1
@@ -126,6 +128,7 @@ def test_rows_alone_are_blamed_on_no_coefficient():
     assert find_omitted_coefficients(seen, sensor, BENCH, spins).words == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [10.0, 0.1])
 def test_a_decimal_point_that_slipped_is_named(factor: float):
     output, rates = outputs(TRUTH, 7)
@@ -146,6 +149,7 @@ def test_a_row_that_the_score_tests_name_is_the_one_that_screening_names():
     assert [one.row for one in screen_rows(seen, sensor, BENCH, spins)] == [22]
 
 
+@pytest.mark.slow
 def test_screening_of_a_hundred_rows_takes_two_seconds():
     output, rates = outputs(TRUTH, 9, [*RATES, 3 * np.pi, 5 * np.pi])
     output[::9, 0] *= -1

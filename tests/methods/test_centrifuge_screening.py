@@ -31,6 +31,7 @@ def printed(data_dir: Path) -> tuple[Array, Array]:
     return one, other
 
 
+@pytest.mark.slow
 def test_the_printed_table_lost_twenty_three_signs(printed: tuple[Array, Array]):
     as_printed, corrected = printed
     _, rates = sensed_motion(printed_attitudes(), RATES)
@@ -60,6 +61,7 @@ def test_noise_that_is_stated_too_small_makes_no_suspects():
     assert screen_rows(seen, sensor, BENCH, spins) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", chosen(range(4), (0,)))
 def test_signs_exchanges_and_digits_are_found(seed: int):
     output, rates = made(seed)
@@ -80,6 +82,7 @@ def test_signs_exchanges_and_digits_are_found(seed: int):
         assert any(abs(r.after[name] - output[row, axis]) < 1e-7 for r in found)
 
 
+@pytest.mark.slow
 def test_a_row_that_no_single_change_repairs_is_named():
     output, rates = made(2)
     output[5] = [0.1, 0.2, 0.3]

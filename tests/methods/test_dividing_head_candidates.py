@@ -59,6 +59,7 @@ def made(bench: Bench, trials: int, seed: int = 21, **stated: object) -> Case:
     return given._replace(bench=replace(given.bench, **stated))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", [joint, patent, single])
 def test_a_third_harmonic_that_is_not_declared_is_named(estimator: Callable[..., Estimate]):
     first, second, _ = made(Bench(), 1).bench.harmonics
@@ -66,6 +67,7 @@ def test_a_third_harmonic_that_is_not_declared_is_named(estimator: Callable[...,
     assert said(given, estimator)["harmonic 3"] >= 7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", [joint, dual, patent])
 def test_a_drift_that_is_not_declared_is_named(estimator: Callable[..., Estimate]):
     found = said(made(BOTH, 8, drift=0.0), estimator)
@@ -88,6 +90,7 @@ def test_a_creep_that_is_not_declared_is_named():
     assert said(made(Bench(creep=3.0), 8, creep=0.0))["creep"] >= 7
 
 
+@pytest.mark.slow
 def test_an_outlying_row_is_named():
     change = np.zeros((24, 2))
     change[5, 0] = 1e-5 * G0
@@ -130,6 +133,7 @@ def tumbled(estimator: Callable[..., Estimate], devices: int, third: float = 0.0
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", [least_squares, fourier])
 def test_a_tumble_names_the_harmonic_that_its_head_does_not_state(
     estimator: Callable[..., Estimate],

@@ -42,6 +42,7 @@ TABLE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(
     "method", [one if k % 2 == 0 else slow(one) for k, one in enumerate(TABLE)]

@@ -64,6 +64,7 @@ def test_a_drift_that_is_declared_is_in_what_is_stated(collimated: str, reverse:
     assert bound(found)["k0"] == pytest.approx(TABLE[collimated, reverse][3], abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("collimated", "reverse", "seed"), chosen(PLACES, PLACES[::3]))
 def test_a_drift_that_is_not_declared_is_in_the_residuals_alone(
     collimated: str, reverse: bool, seed: int
@@ -83,6 +84,7 @@ def test_a_drift_that_is_not_declared_is_in_the_residuals_alone(
     assert nees(found, given) == pytest.approx(squares, rel=0.06)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("collimated", ["pairs", "every"])
 def test_k0_of_a_drifting_run_is_the_mean_of_its_bias_over_all_rows(collimated: str):
     """Coverage of ± 2 u of that mean is .95, and that of the bias at the middle is far less."""
@@ -107,6 +109,7 @@ def test_k0_of_a_drifting_run_is_the_mean_of_its_bias_over_all_rows(collimated: 
     assert at_middle < 0.75
 
 
+@pytest.mark.slow
 def test_forward_and_reverse_cancel_a_drift():
     for collimated in ("pairs", "every"):
         reached: list[dict[str, float]] = []
@@ -137,6 +140,7 @@ def test_a_drift_about_the_middle_of_the_pass_reaches_the_notes_figures_forward(
     assert nees(found, given) == pytest.approx(9.3, rel=0.06)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_one_trim_and_the_noise_of_one_reading_reach_the_notes_figures_of_both_passes(seed: int):
     """Note: K0 .355, NEES .66. Passes averaged, pairs off alike in both, noise stated as of one."""

@@ -188,6 +188,7 @@ def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
     )
 
 
+@pytest.mark.slow
 def test_gyros_and_magnetometers_are_recovered_from_a_perfect_motion():
     rng = np.random.default_rng(5)
     own = generator.device(rng)

@@ -61,6 +61,7 @@ def joined(sessions: list[FerrarisSession]) -> FerrarisSession:
     return FerrarisSession(np.arange(start) / RATE, data, marks, sessions[0].gravity)
 
 
+@pytest.mark.slow
 def test_each_axis_may_turn_by_an_angle_of_its_own(seed: int):
     rng = np.random.default_rng([seed, 1])
     device, hands = mems(rng), replace(HANDS, gravity_sd=0.0, timebase=0.0)
@@ -93,6 +94,7 @@ def test_other_numbers_of_angles_are_refused(count: int):
         METHOD.plan(angle=(6.0,) * count)
 
 
+@pytest.mark.slow
 def test_gyros_alone_take_positions_as_stated(seed: int):
     rng = np.random.default_rng([seed, 2])
     device = mems(rng, arm=np.array([0.03, -0.02, 0.05]))
@@ -104,6 +106,7 @@ def test_gyros_alone_take_positions_as_stated(seed: int):
     assert 0.8 < np.mean(found.chi2) / found.dof < 1.2
 
 
+@pytest.mark.slow
 def test_the_biases_may_differ_from_recording_to_recording(seed: int):
     rng, sd = np.random.default_rng([seed, 3]), 0.05 * DEGREE
     device = mems(rng)

@@ -69,6 +69,7 @@ def test_twenty_rests_in_one_plane_are_refused(normal: tuple[float, ...], named:
     assert "; add: hold " in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_attitudes_added_to_a_plane_as_advised_are_accepted():
     plane = planar(20, np.array([0.0, 0.0, 1.0]), 1.0, np.random.default_rng(0))
     with pytest.raises(NotObserved) as refusal:
@@ -89,6 +90,7 @@ def test_gyros_turned_about_one_axis_are_refused_by_name():
     assert "no rest has +x or −x within 45° of straight up" in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_a_hemisphere_is_accepted_and_what_would_make_it_better_is_said():
     ups = directions(40, np.random.default_rng(0))
     found = calibrated(ups[ups[:, 2] > 0.1], also=("g",))

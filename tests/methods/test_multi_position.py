@@ -191,6 +191,7 @@ def dense_noise(rests: Rests, x: Array) -> Callable[[Scatter], Array]:
     return covariance
 
 
+@pytest.mark.slow
 def test_the_band_whitens_the_dense_covariance_of_all_rows():
     rests, x = session(positions=9)
     rows = rests.rows(x)
@@ -206,6 +207,7 @@ def test_the_band_whitens_the_dense_covariance_of_all_rows():
             np.testing.assert_allclose(W @ C @ W.T, np.eye(len(C)), rtol=0, atol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hold_seconds", [1.0, evidence(8.0)])
 def test_ramps_within_a_rest_share_their_samples(hold_seconds: float):
     """Rests shorter and longer than what is weighed of them."""
@@ -288,6 +290,7 @@ def dense_carry(way: Transitions, i: int, back: Array, zero: Array, white: Array
     return C[0], sensitivity, noise
 
 
+@pytest.mark.slow
 def test_what_is_carried_along_is_the_product_of_all_steps():
     rests, x = session()
     way = rests.transitions
@@ -398,6 +401,7 @@ def test_a_gyro_turned_about_one_axis_only_leaves_the_others_open(estimator: str
     assert scales == {f"g{'xyz'[k]}.scale" for k in {0, 1, 2} - {axis}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [85, *(pytest.param(seed, marks=pytest.mark.evidence) for seed in (86, 87))]
 )
@@ -432,6 +436,7 @@ def test_reversed_accelerometers_are_told_from_gyros_that_are_sensitive_to_g(
     assert [one.what for one in findings] == ([found] if found and found != "".join(also) else [])
 
 
+@pytest.mark.slow
 def test_bent_accelerometers_are_found_on_wish():
     rng = np.random.default_rng(88)
     device, sensor = mems(rng), whole("g", "k2", "k3")
@@ -473,6 +478,7 @@ def test_the_accelerometers_of_sequential_are_those_found_without_gyros():
     )
 
 
+@pytest.mark.slow
 @both
 def test_the_clock_of_the_recording_is_in_every_gyro_scale(estimator: str):
     """All turns are integrals over its time: nothing in a session tells it from the scale."""
@@ -535,6 +541,7 @@ def gravity_lines(gravity_sd: float, positions: int = 24) -> list[str]:
     return [note for note in notes if "comes from gravity" in note or "These attitudes" in note]
 
 
+@pytest.mark.slow
 def test_scale_factors_that_gravity_limits_ask_for_a_better_gravity():
     (line,) = gravity_lines(2e-2)
     assert "ax.k1, ay.k1, az.k1" in line

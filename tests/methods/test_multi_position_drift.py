@@ -6,6 +6,7 @@ Sessions are made by `tests.accuracy.handheld`, which imports nothing of inercal
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from tests.accuracy.ferraris import G0, mems
 from tests.accuracy.handheld import record
@@ -55,6 +56,7 @@ def accelerometers(seed: int, drift: float, noise: Noise | None = None) -> tuple
     return Rests(observed(made, sensor), sensor, BENCH), truth(device, sensor)
 
 
+@pytest.mark.slow
 def test_errors_of_drifting_accelerometers_are_within_their_uncertainty() -> None:
     beyond: list[float] = []
     for seed in range(12):

@@ -84,6 +84,7 @@ def unseen(outcome: Outcome) -> dict[str, str]:
     return {name: rest for name, _, rest in (t.partition(": ") for t in told)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "size"), [("step", 2 * MG), ("before", MG), ("sense", MG)])
 def test_six_positions_tell_an_effect_of_their_order_that_they_cannot_see(effect: str, size: float):
     usual = usual_session().calibration
@@ -97,6 +98,7 @@ def test_six_positions_tell_an_effect_of_their_order_that_they_cannot_see(effect
     assert all(EFFECTS[effect] in text for text in notes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "size"), [("step", 2 * MG), ("before", MG), ("sense", MG)])
 @pytest.mark.parametrize("more", [("x_p", "y_p", "z_p"), evidence(SIX[::-1])])
 def test_positions_that_are_visited_again_show_it(effect: str, size: float, more: Sequence[str]):
@@ -104,12 +106,14 @@ def test_positions_that_are_visited_again_show_it(effect: str, size: float, more
         assert calibrated((*SIX, *more), effect, size, seed).verdict.grade != "consistent"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sessions", [8, evidence(20)])
 def test_positions_that_are_visited_again_raise_no_false_alarm(sessions: int):
     grades = [calibrated((*SIX, *SIX[::-1]), seed=seed).verdict.grade for seed in range(sessions)]
     assert grades.count("consistent") >= sessions - 1
 
 
+@pytest.mark.slow
 def test_a_size_that_is_told_shifts_a_coefficient_by_five_u():
     outcome = usual_session()
     told = next(o.message for o in outcome.findings if EFFECTS["step"] in o.message)

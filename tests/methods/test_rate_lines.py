@@ -121,6 +121,7 @@ def found(made: Devices, device: int, rows: list[Row]) -> dict[tuple[str, str], 
     return {(one.axis, one.name): one for one in own}
 
 
+@pytest.mark.slow
 def test_a_hysteresis_is_found_with_its_uncertainty():
     rng, n, h = np.random.default_rng(3), 30, np.radians(100 / 3600)
     made = devices(FULL, "T", READ, LINEAR, n, rng)
@@ -146,6 +147,7 @@ def test_rates_that_are_reached_from_one_side_show_no_hysteresis():
 SLOW = plan([0, 0.01, -0.01, 0.03, -0.03, 0.06, -0.06, 0.1, -0.1], seconds=3600)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [0.0, 0.02])
 def test_a_dead_band_is_found_with_its_interval(width: float):
     made = devices(SLOW, "T", EXACT, ("bias",), 10, np.random.default_rng(6))

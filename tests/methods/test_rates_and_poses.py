@@ -327,6 +327,7 @@ def test_an_error_of_the_table_taken_as_zero_shows_in_no_residual(key: str):
     assert 0.8 < np.mean(found.chi2) / found.dof < 1.2
 
 
+@pytest.mark.slow
 def test_the_bias_may_differ_from_setting_to_setting():
     rng = np.random.default_rng(5)
     made = devices(MID, "T", READ, ALL, 60, rng)
@@ -361,6 +362,7 @@ def with_g(switched: float, square: float = 0.0) -> tuple[list[SuspectedCause | 
     return [assess(one, len(sensor.coefficients), possible).best for one in found], found[-1]
 
 
+@pytest.mark.slow
 def test_biases_that_differ_between_six_settings_are_a_large_shift_of_g_and_not_of_g_squared():
     for best in with_g(switched=40.0)[0]:
         assert best is not None
@@ -370,10 +372,12 @@ def test_biases_that_differ_between_six_settings_are_a_large_shift_of_g_and_not_
         assert 1.2 < best.shift < 3
 
 
+@pytest.mark.slow
 def test_a_sensitivity_to_g_squared_is_not_taken_for_changes_of_the_bias():
     assert {best and best.name for best in with_g(0.0, square=40.0)[0]} == {"g_pp"}
 
 
+@pytest.mark.slow
 def test_what_is_absorbed_by_g_is_named_where_the_run_file_does_not_state_it():
     _, found = with_g(0.0)
     sensor = triad("t", "w", "g").with_coefficients(*LINEAR, *G_TERMS)

@@ -209,6 +209,7 @@ def outcome_of(reports: Path, folder: Path, file: str, rest: str) -> Outcome:
     return calibrate(read(path))
 
 
+@pytest.mark.slow
 def test_the_gyros_of_a_log_of_two_decimals(reports_dir: Path, tmp_path: Path):
     outcome = outcome_of(
         reports_dir, tmp_path, "02_gyro_two_decimals.csv", 'name = "multi_position"\n'
@@ -245,6 +246,7 @@ def rounded_on_a_table(case: str, folder: Path) -> tuple[Outcome, dict[str, floa
     return calibrate(read(folder / "run.toml")), true
 
 
+@pytest.mark.slow
 def test_steps_of_gyros_are_no_fault_of_the_table(tmp_path: Path):
     outcome, true = rounded_on_a_table("turntable_discrete", tmp_path)
     assert not [one for one in outcome.findings if one.what == "readback"]

@@ -43,6 +43,7 @@ def table_of_means(
     return calibrate(read(path)), k0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("digits", [2, 3, 5])
 def test_a_table_notices_its_own_decimals(digits: int, tmp_path: Path):
     z: list[float] = []
@@ -85,6 +86,7 @@ def rounded(step: float, seed: int) -> systematic_table.Recorded:
     return replace(recorded, reading=reading)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [0.004, 0.03])
 def test_systematic_counts_the_rounding_of_gyros(step: float):
     grade = systematic_table.GRADES["T"]

@@ -110,6 +110,7 @@ def bits(found: Mapping[str, PartialEstimate]) -> dict[str, tuple[object, ...]]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "estimator"),
     [

@@ -76,6 +76,7 @@ def test_chi_square_is_that_of_the_residuals_with_their_own_covariance():
     assert float(found.chi2) == pytest.approx(own, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", chosen(ESTIMATORS, [*ESTIMATORS][::2]))
 def test_a_radius_that_is_5_percent_off_is_named(name: str):
     given = case(2, 12, replace(Bench(), radius=0.0))
@@ -107,6 +108,7 @@ def test_a_lean_alike_at_all_rests_is_named(name: str):
     assert score.size[0] == pytest.approx(0.7 * np.pi / 180, abs=4 * score.sd[0])
 
 
+@pytest.mark.slow
 def test_a_search_tests_its_norms_too():
     given = case(2, 1)
     told = replace(given.bench, radius=replace(given.bench.radius, value=RADIUS * 1.05))

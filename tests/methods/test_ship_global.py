@@ -58,6 +58,7 @@ def estimated() -> Estimate:
     return global_(given.seen, SENSOR, given.bench, given.steps, options=SearchOptions(seed=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_it_finds_dampings_sum_of_squares_and_other_coefficients(seed: int):
     readings = one(seed).draw.readings[0]
@@ -123,6 +124,7 @@ def test_time_ends_it():
     assert "it stopped at the time limit" in estimate.notes[0]
 
 
+@pytest.mark.slow
 def test_the_search_stays_within_its_bounds():
     narrow = Bounds(scale=1e-3, cross=1e-3, bias=1e-3)
     assert narrow.half_width.max() == 1e-3
@@ -132,6 +134,7 @@ def test_the_search_stays_within_its_bounds():
     assert result.history[-1].cost > 10 * wide.history[-1].cost
 
 
+@pytest.mark.slow
 def test_the_estimate_warns_and_is_as_uncertain_as_the_bounds():
     given, estimate = one(), estimated()
     assert estimate.rank == 9
@@ -141,6 +144,7 @@ def test_the_estimate_warns_and_is_as_uncertain_as_the_bounds():
     assert off(replace(estimate, value=estimate.value[None]), given)[0] > 20
 
 
+@pytest.mark.slow
 def test_coefficients_that_polishing_takes_beyond_the_bounds_are_named():
     given = one()
     narrow = SearchOptions(Bounds(scale=1e-3, cross=0.5, bias=0.5), seed=1)
@@ -178,6 +182,7 @@ def test_fewer_than_twelve_groups_are_refused():
         global_(seen, SENSOR, given.bench, given.steps[rows])
 
 
+@pytest.mark.slow
 def test_the_truth_itself_has_no_error():
     given = one()
     h, b = given.draw.matrix[0], given.draw.bias[0]

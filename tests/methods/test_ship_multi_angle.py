@@ -196,6 +196,7 @@ def test_forty_devices_reach_the_note(name: str, seed: int):
     assert np.median(e) == pytest.approx(note, abs=3 * scatter)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_four_hundred_devices_reach_the_note(seed: int):
     median: dict[str, float] = {}
@@ -249,6 +250,7 @@ def test_joint_states_what_it_reaches_where_the_run_shares_errors(seed: int):
     assert nees(found, given).mean() == pytest.approx(1, abs=4 * np.sqrt(2 / 12 / trials))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("name", ["joint", "planar", "planar_norm"])
 def test_rests_on_a_leaning_table_are_stated_as_they_err(name: str, seed: int):
@@ -265,6 +267,7 @@ def test_rests_on_a_leaning_table_are_stated_as_they_err(name: str, seed: int):
     assert not_told.mean() > 1.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("lean", [9e-4, 6e-3])
 def test_a_table_that_stops_at_one_azimuth_takes_little_from_what_is_stated(lean: float, seed: int):
@@ -279,6 +282,7 @@ def test_a_table_that_stops_at_one_azimuth_takes_little_from_what_is_stated(lean
 LARGE = {"pose": 4e-3, "seat": 2e-3, "speed": 5e-3, "radius": 2e-3, "rate": 4e-3, "gravity": 2e-3}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", chosen(LARGE, [*LARGE][::3]))
 def test_joint_cannot_do_without_any_of_them(what: str):
     trials = 400

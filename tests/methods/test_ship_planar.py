@@ -69,6 +69,7 @@ def test_what_is_stated_is_the_scatter(seed: int):
     assert nees(found, given).mean() == pytest.approx(1, abs=4 * np.sqrt(2 / 12 / trials))
 
 
+@pytest.mark.slow
 def test_what_all_states_share_is_stated_too():
     trials = 400
     bench = Bench(radius=1e-3, rate=1e-3, gravity=1e-3)

@@ -29,6 +29,7 @@ def one(found: Estimate, k: int) -> Estimate:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["planar", evidence("joint"), evidence("damped")])
 def test_fresh_poses_err_as_is_said(name: str):
     given = case(1, 300)

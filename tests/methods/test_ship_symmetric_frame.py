@@ -51,6 +51,7 @@ def test_error_free_norms_give_the_sensor_in_the_stated_frame():
     assert away <= 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_damped_states_what_it_reaches_in_the_stated_frame(seed: int):
     trials = 400
@@ -105,6 +106,7 @@ def test_neither_untilted_states_nor_a_start_decide_anything():
     assert alone.covariance == pytest.approx(both.covariance, rel=1e-9, abs=1e-18)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [

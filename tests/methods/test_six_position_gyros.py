@@ -226,6 +226,7 @@ def at_one_azimuth(soaks: int) -> np.ndarray:
     return np.array([[found.value(name), found.uncertainty(name)] for name in of]).T / size
 
 
+@pytest.mark.slow
 def test_more_soaks_in_one_fixture_do_not_reduce_the_effect_of_the_azimuth():
     (_, once), (error, often) = at_one_azimuth(1), at_one_azimuth(5)
     assert np.abs(error).max() > 5  # °/h/g: the level part of the earth's rate

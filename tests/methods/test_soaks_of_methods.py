@@ -142,6 +142,7 @@ def simulate(name: str, estimator: str, seed: int, trials: int, *, told: bool = 
     return Trials(np.array(found_errors), np.array(covariances), np.array(chi2), dof)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(("name", "estimator"), WEIGHING)
 def test_soaks_of_each_method_err_by_what_is_stated_and_chi2_contains_them(

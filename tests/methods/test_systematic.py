@@ -68,6 +68,7 @@ def segments_of(recorded: made.Recorded, sensor: Any) -> Segments:
     return segments_of_track(seen.track, seen.labels, sensor)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grade", ["N", "T"])
 def test_without_noise_every_coefficient_is_exact(grade: str):
     table, sensor = made.Table(), sensor_of(made.GRADES[grade])
@@ -109,6 +110,7 @@ def _turns(
     return np.abs(done.velocity).max(), np.abs(turned).max()
 
 
+@pytest.mark.slow
 def test_a_turn_with_true_parameters_ends_at_rest():
     sensor, table = sensor_of(made.NAVIGATION), NOMINAL
     truth, _ = made.draw_truth(made.NAVIGATION, np.random.default_rng(2))
@@ -120,6 +122,7 @@ def test_a_turn_with_true_parameters_ends_at_rest():
     assert late < 2e-6
 
 
+@pytest.mark.slow
 def test_without_the_second_order_term_a_turn_ends_at_44_micrometres_a_second():
     sensor, table = sensor_of(made.NAVIGATION), NOMINAL
     nothing, c = {}, np.zeros(len(sensor.coefficients))
@@ -129,6 +132,7 @@ def test_without_the_second_order_term_a_turn_ends_at_44_micrometres_a_second():
     assert less == pytest.approx(44e-6, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_jacobian_is_that_of_differences():
     sensor = sensor_of(made.NAVIGATION, also=("g", "scale_prime"))
     table = replace(SHORT, path=("+y", "+x", "+z", "-y", "-x", "-z"))
@@ -169,6 +173,7 @@ def test_the_frame_of_the_body_and_a_common_arm_are_refused():
             solved(recorded, sensor, table_of(SHORT))
 
 
+@pytest.mark.slow
 def test_with_the_frame_free_three_singular_values_vanish(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(segments_module, "BLOCK_SECONDS", 0.0)  # a block is a sample
     table = made.Table()
@@ -247,6 +252,7 @@ def test_reversed_and_exchanged_axes_are_refused_by_name(grade: str, mistake: st
     assert mistake in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_an_imu_off_by_two_per_cent_and_a_degree_is_calibrated():
     """A bound of 5° of the forces would refuse it; mistakes of axes and units leave 86° or more."""
     grade = replace(made.TACTICAL, scale=20_000 * PPM, delta=3600 * ARCSEC, bias=1000 * made.DEG_H)
@@ -268,6 +274,7 @@ def test_beyond_85_degrees_of_latitude_it_is_refused():
         solved(device("N"), sensor_of(made.NAVIGATION), table_of(SHORT, latitude=np.radians(86)))
 
 
+@pytest.mark.slow
 def test_gravity_that_is_wrong_moves_scale_factors_and_nothing_shows_it():
     table, sensor = made.Table(), sensor_of(made.NAVIGATION)
     recorded, right = whole_session()
@@ -278,6 +285,7 @@ def test_gravity_that_is_wrong_moves_scale_factors_and_nothing_shows_it():
     assert wrong.chi2 == pytest.approx(float(right.chi2), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_gravity_and_latitude_enter_as_shared_errors():
     from inercal.basics.units import Measured
     from inercal.benches.turntable.still_table import StillTable
@@ -305,6 +313,7 @@ def test_gravity_and_latitude_enter_as_shared_errors():
         assert (np.abs(shift - step * by[:p]) < 0.02 * one.std[:p] + 0.01 * np.abs(shift)).all()
 
 
+@pytest.mark.slow
 def test_instants_are_integrated_as_well_as_means():
     table, sensor = SHORT, sensor_of(made.NAVIGATION)
     recorded = device("N", rate_hz=100.0, noisy=False, samples="instant")
@@ -314,6 +323,7 @@ def test_instants_are_integrated_as_well_as_means():
     assert np.abs(error / np.sqrt(np.diag(covariance))).max() < 0.02
 
 
+@pytest.mark.slow
 def test_a_lag_of_many_samples_is_found():
     sensor = sensor_of(made.NAVIGATION)
     rng = np.random.default_rng(1)
@@ -323,6 +333,7 @@ def test_a_lag_of_many_samples_is_found():
     assert np.abs(error / np.sqrt(np.diag(covariance))).max() < 0.05
 
 
+@pytest.mark.slow
 def test_a_table_that_creeps_or_is_knocked_fails_the_test_of_halves():
     sensor, table = sensor_of(made.NAVIGATION), made.Table()
     for changed in ({"creep": (2 * ARCSEC, 10.0)}, {"knock": (20 * ARCSEC, 300.0)}):

@@ -60,6 +60,7 @@ def track_of(recorded: made.Recorded, sensor: Sensor) -> Track:
     return track
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grade", ["N", evidence("T")])
 def test_without_noise_the_filter_finds_every_coefficient(grade: str):
     sensor = sensor_of(made.GRADES[grade])
@@ -70,6 +71,7 @@ def test_without_noise_the_filter_finds_every_coefficient(grade: str):
     assert np.abs(error / np.sqrt(np.diag(covariance))).max() < 0.005
 
 
+@pytest.mark.slow
 def test_filter_and_batch_agree_and_the_batch_is_no_worse():
     sensor, (recorded, by_filter) = SENSOR, tactical()
     batch = solved(recorded, sensor, table_of(SHORT))
@@ -103,6 +105,7 @@ def test_deviations_are_those_of_an_independent_filter_and_cover_the_errors(grad
         assert found == pytest.approx(KNOWN, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_prior_is_part_of_the_estimate():
     sensor, (recorded, plain) = SENSOR, tactical()
     k = sensor.coefficients.index("gx.scale")
@@ -123,6 +126,7 @@ def test_coefficients_that_the_run_leaves_open_are_named():
     assert "gz.scale" in refusal.value.names
 
 
+@pytest.mark.slow
 def test_the_live_filter_begins_when_rests_show_the_azimuth():
     table, sensor = made.Table(rest=12.0, first=12.0, last=12.0), sensor_of(made.TACTICAL)
     track = track_of(device("T", seed=5), sensor)
@@ -150,6 +154,7 @@ def test_a_live_run_with_a_reversed_axis_is_refused_by_name():
         live.feed(replace(track, reading=reading))
 
 
+@pytest.mark.slow
 def test_a_live_run_refuses_samples_missing_in_a_turn_but_not_in_a_rest():
     sensor = sensor_of(made.TACTICAL)
     track = track_of(device("T", seed=5), sensor)
@@ -174,6 +179,7 @@ def test_a_live_run_needs_both_triads():
         LiveNavigation(part, table_of(SHORT), (), 100.0, 20.0)
 
 
+@pytest.mark.slow
 def test_what_is_stated_of_gravity_and_latitude_is_part_of_u():
     sensor, (recorded, without) = SENSOR, tactical()
     exact = table_of(SHORT)
@@ -235,6 +241,7 @@ def test_a_lost_sample_and_noise_stated_at_half_are_seen(grade: str):
     assert verdict_of(grade, lost, table_of(table)) < 1e-20
 
 
+@pytest.mark.slow
 def test_a_knock_at_rest_harms_the_batch_and_not_the_filter():
     table = made.Table(knock=(20 * made.ARCSEC, 400.0))
     sensor, recorded = sensor_of(made.NAVIGATION), device("N", 3, table)
@@ -247,6 +254,7 @@ def test_a_knock_at_rest_harms_the_batch_and_not_the_filter():
     assert largest[1] < 4.5
 
 
+@pytest.mark.slow
 def test_a_lag_of_several_samples_is_found():
     sensor, rng = sensor_of(made.NAVIGATION), np.random.default_rng(2)
     truth, _ = made.draw_truth(made.NAVIGATION, rng)
@@ -257,6 +265,7 @@ def test_a_lag_of_several_samples_is_found():
     assert np.abs(error / np.sqrt(np.diag(covariance))).max() < 4.5
 
 
+@pytest.mark.slow
 def test_lever_arms_that_are_left_out_are_seen_in_the_turns():
     full = sensor_of(made.TACTICAL)
     kept = [name for name in full.coefficients if ".arm_" not in name]

@@ -137,6 +137,7 @@ def test_methods_without_a_place_for_them_refuse_coefficients_of_temperature(met
         METHODS[method].prepare(imu(), also=("k0_dT",))
 
 
+@pytest.mark.slow
 def test_a_bias_that_follows_the_temperature_is_a_suspect_where_it_was_recorded():
     _, _, seen, steps = made("six_position", "ml")
     plain = METHODS["six_position"].prepare(imu())

@@ -48,6 +48,7 @@ def with_angles(track: Track, at: slice, error: float) -> Track:
     return Track(track.time, track.reading, angles, track.hold, None, track.angle_quality)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["w", "f"])
 def test_an_isolated_false_angle_is_not_used(run: Run, track: Track, kind: FilterKind):
     """One epoch of 60″ in the first rest, where nothing but the noise of the readback is open."""

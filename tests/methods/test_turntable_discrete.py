@@ -64,6 +64,7 @@ def scores(grade: made_by.Grade, seeds: int, base: int) -> tuple[Score, Score]:
     return score(*both, made.coefficients, "g"), score(*both, made.coefficients, "a")
 
 
+@pytest.mark.slow
 def test_without_noise_and_with_a_perfect_table_the_truth_comes_out():
     made = sensor()
     draw = made_by.draw(3, 2, discrete(10.0), QUIET, PLAIN, hz=50.0)
@@ -114,6 +115,7 @@ def test_positions_alone_leave_scale_and_misalignment_of_gyros_open():
     assert not any("ax." in name for name in free)
 
 
+@pytest.mark.slow
 def test_a_prior_takes_the_place_of_what_is_missing():
     made = sensor()
     draw = made_by.draw(7, 1, discrete(), hz=25.0)
@@ -146,6 +148,7 @@ def test_steps_that_are_not_the_rows_and_other_axes_are_refused():
         least_squares(far, made, BENCH, plan)
 
 
+@pytest.mark.slow
 def test_terms_by_gravity_come_out_of_the_same_rows():
     made = sensor(made_by.T, "g")
     device = made_by.Device(by_g=radians(10) / 3600 / made_by.G)

@@ -80,6 +80,7 @@ def simulated(noise: Array) -> Array:
     return np.asarray(means @ means.T / noise.shape[0])
 
 
+@pytest.mark.slow
 def test_means_of_flicker_vary_about_the_mean_of_the_run_as_stated():
     drawn = turntable.flicker(np.random.default_rng(3), 2.0, 4000, 4.0, (1200,))
     stated = covariance_of_means([Noise(bias_instability=2.0)], START, STOP, RUN)[..., 0]

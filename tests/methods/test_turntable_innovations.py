@@ -57,6 +57,7 @@ def enlarged(estimate: Estimate) -> list[bool]:
     return [group.enlarged for group in estimate.groups]
 
 
+@pytest.mark.slow
 def test_innovations_are_as_stated_where_all_is_as_stated(seed: int):
     draw = drawn(seed)
     estimate = found(draw)
@@ -90,6 +91,7 @@ def _overstated() -> Sensor:
     return sensor(turntable.grade(0.2, 0.5, 120, 15))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("of", "stated", "by_g"),
     [
@@ -109,6 +111,7 @@ def test_what_is_not_as_stated_is_beyond_it(
     assert not estimate.consistent
 
 
+@pytest.mark.slow
 def test_noise_that_is_half_the_stated_is_less():
     estimate = found(drawn(5), _overstated())
     assert max(nis(estimate)) < LEAST
@@ -141,6 +144,7 @@ def test_the_sources_r_tests_nothing_and_says_so(estimator: str, too_sure: str):
     assert "right angles" in left
 
 
+@pytest.mark.slow
 def test_gyros_that_feel_forces_do_not_spoil_the_accelerometers():
     draw = drawn(6, by_g=200.0)
     estimate = found(draw, sensor(turntable.T, "g"))
@@ -159,6 +163,7 @@ def test_the_covariance_of_what_both_filters_find_is_one():
     assert len(set(estimate.names)) == len(estimate.names)
 
 
+@pytest.mark.slow
 def test_gravitys_share_is_not_enlarged_by_innovations():
     g = bench().gravity
     stated = bench(gravity=replace(g, sd=1e-3 * g.value))
@@ -169,6 +174,7 @@ def test_gravitys_share_is_not_enlarged_by_innovations():
     assert added == pytest.approx(np.full((2, 2, 2), 1e-6), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_prior_of_both_triads_without_correlation_is_taken_apart():
     names = ("gx.scale", "ax.k1")
     seen, made = observations(drawn(1)), sensor()
@@ -202,6 +208,7 @@ def test_turns_that_are_too_small_name_what_rests_on_the_guess():
     assert not any(re.search(r"g[xyz]\.scale", note) for note in found(drawn(1)).notes)
 
 
+@pytest.mark.slow
 def test_a_recording_at_rest_needs_no_gyros_for_accelerometers():
     one = track(drawn(2)).trial(0)
     still = replace(one, reading=np.where(np.arange(6) < 3, one.reading, 0.0))

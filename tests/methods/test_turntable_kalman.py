@@ -91,6 +91,7 @@ def of_accelerometers(made: turntable.Draw) -> Dense:
     return run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("states", "chosen"), [evidence(15, False), (19, True)])
 def test_gyros_filter_is_the_notes(
     smooth: turntable.Draw, of_gyros: Dense, states: int, chosen: bool
@@ -112,6 +113,7 @@ def test_gyros_filter_is_the_notes(
         assert np.sqrt(np.diagonal(by @ state.p[3:15, 3:15] @ by.T)) == pytest.approx(sd, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("states", "held"), [(18, "exact"), (25, "lean")])
 def test_accelerometers_filter_is_the_notes(
     made: turntable.Draw,
@@ -155,6 +157,7 @@ class _Alike(AccelerometerFilter):
         return np.full((len(angles), 2), HELD**2)
 
 
+@pytest.mark.slow
 def test_the_gyros_way_back_is_that_of_the_notes_filter(smooth: turntable.Draw, of_gyros: Dense):
     made, (_, steps) = smooth, of_gyros(19)
     exact = dense_smoothed(steps)
@@ -213,6 +216,7 @@ def _compare(
     np.testing.assert_allclose(found.std[early : len(steps)], sd[early:], rtol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [GyroFilter, AccelerometerFilter])
 def test_constants_are_all_along_what_they_are_at_the_end(
     made: turntable.Draw, kind: type[GyroFilter] | type[AccelerometerFilter]
@@ -261,6 +265,7 @@ def test_a_recording_in_pieces_is_the_whole_to_the_last_bit(
     assert np.array_equal(np.concatenate([part.time for part in parts]), course.time)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [GyroFilter, AccelerometerFilter])
 def test_the_smoother_from_checkpoints_is_that_of_the_whole(
     made: turntable.Draw, kind: type[GyroFilter] | type[AccelerometerFilter]
@@ -276,6 +281,7 @@ def test_the_smoother_from_checkpoints_is_that_of_the_whole(
     np.testing.assert_allclose(parts.std, whole.std, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_both_filters_make_one_estimate_in_the_sensors_order(made: turntable.Draw):
     estimate = METHOD.estimator("")(observations(made), sensor(), bench(), ())
     names = sensor().coefficients
@@ -353,6 +359,7 @@ def late() -> turntable.Draw:
     return turntable.draw(3, 6, path, table=LATE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["paper", "full"])
 def test_a_readback_20_ms_late_is_a_state_or_an_error(late: turntable.Draw, estimator: str):
     made = late
@@ -364,6 +371,7 @@ def test_a_readback_20_ms_late_is_a_state_or_an_error(late: turntable.Draw, esti
     assert judged.nees < 2.5 if estimator == "full" else judged.nees > 5
 
 
+@pytest.mark.slow
 def test_sensitivity_to_acceleration_is_found_or_shows():
     device = turntable.Device(by_g=radians(10) / 3600 / turntable.G)
     made = turntable.draw(4, 4, SHORT, device=device)
@@ -386,6 +394,7 @@ def _by_g(made: turntable.Draw, names: list[str]) -> np.ndarray:
     return np.stack([made.by_g[:, i, (i + k) % 3] for i, k in rows], axis=1)
 
 
+@pytest.mark.slow
 def test_gravity_that_is_not_known_well_is_in_every_scale_factor(made: turntable.Draw):
     g = bench().gravity
     seen = observations(made)
@@ -439,6 +448,7 @@ def both_ways(rate: float, table: turntable.Table) -> turntable.Draw:
     return turntable.draw(11, 8, path, table=table)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "acceleration", "jerk"),
     [(100, 300, 3000), evidence(60, 100, 500), (100, 300, None), evidence(30, 30, None)],
@@ -566,6 +576,7 @@ def test_open_and_closed_loop_agree_near_the_truth():
     assert opened.nis == pytest.approx(closed.nis, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [0.6, 3.0, 7.0])
 def test_a_gap_takes_the_attitude_from_the_table_anew(seconds: float):
     made = both_ways(30.0, turntable.Table())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.methods.turntable.terms import RATE, Terms
+from inercal.methods.turntable import RATE, Terms
 from inercal.methods.turntable_kalman import _readback
 from inercal.methods.turntable_trajectory import _kernels
 from inercal.methods.turntable_trajectory._kernels import neighbour_share, rate_bends
@@ -45,6 +45,7 @@ def about_up(angle: Array) -> Array:
     return np.stack([c, -s, o, s, c, o, o, o, o + 1], axis=-1).reshape(-1, 3, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [0.0, 0.3, 0.77])
 def test_angles_between_samples_are_those_of_a_rate_that_bends(late: float):
     time = samples(40)

@@ -238,6 +238,7 @@ def test_scores_move_by_what_is_added_and_estimates_by_what_they_say(
     assert np.abs(moved / old.std).max() > 0.9
 
 
+@pytest.mark.slow
 def test_what_is_as_stated_is_consistent(seed: int):
     draw = turntable.draw(500 + seed, 2, SHORT, hz=HZ)
     assert all(consistent(kalman(one_of(draw, k), sensor(), BENCH)) for k in range(2))
@@ -263,6 +264,7 @@ CASES: dict[Run, tuple[list[Step], tuple[str, ...]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("run", "name"),
     [

@@ -70,6 +70,7 @@ def _dense(whitened: Array, rows: Array, covariance: Array) -> None:
     assert np.abs(made - exact).max() < 1e-9 * np.abs(exact).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mean_over_run", "readback"), [(False, 0.3), (True, 0.3), (True, -0.01)])
 def test_whitened_increments_make_the_sums_of_the_whole_covariance(
     mean_over_run: bool, readback: float
@@ -126,6 +127,7 @@ def test_whitened_increments_make_the_sums_of_the_whole_covariance(
     _dense(made.reshape(3 * e, m), np.concatenate(zs), covariance)
 
 
+@pytest.mark.slow
 def test_whitened_means_make_the_sums_of_the_whole_covariance():
     rng = np.random.default_rng(4)
     time, rows, white = (
@@ -186,6 +188,7 @@ def test_jacobians_are_those_of_the_residuals(kind: str):
 # Estimates
 
 
+@pytest.mark.slow
 def test_without_noise_and_with_a_perfect_table_the_truth_comes_out():
     made = sensor()
     draw = made_by.draw(3, 1, made_by.complete_path(5.0), QUIET, PLAIN, hz=200.0)
@@ -194,6 +197,7 @@ def test_without_noise_and_with_a_perfect_table_the_truth_comes_out():
     assert (np.abs(errors(found, draw, made)[0]) < 0.05 * found.std[:, :24]).all()
 
 
+@pytest.mark.slow
 def test_the_delay_of_the_readback_comes_out_and_trials_are_each_by_itself():
     made = sensor()
     draw = made_by.draw(4, 2, PATH, hz=50.0)
@@ -207,6 +211,7 @@ def test_the_delay_of_the_readback_comes_out_and_trials_are_each_by_itself():
     assert both.chi2.shape == (2,)
 
 
+@pytest.mark.slow
 def test_the_filters_make_the_same_of_the_same_recording():
     made = sensor()
     draw = made_by.draw(5, 2, PATH, hz=50.0)
@@ -250,6 +255,7 @@ def test_samples_that_were_lost_cost_only_what_they_would_have_said():
     assert other.p_value > 0.05
 
 
+@pytest.mark.slow
 def test_attitudes_at_the_ends_of_whole_turns_alone_leave_six_directions_open():
     made = sensor()
     draw = made_by.draw(7, 1, BRIEF, hz=50.0)
@@ -263,6 +269,7 @@ def test_attitudes_at_the_ends_of_whole_turns_alone_leave_six_directions_open():
     assert all("delta" in name for name in refusal.value.names)
 
 
+@pytest.mark.slow
 def test_an_axis_that_was_never_turned_is_refused_unless_a_prior_says_what_it_is():
     made = sensor()
     path = [step for step in BRIEF if step[0] not in ("x+", "y+")]

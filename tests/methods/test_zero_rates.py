@@ -107,6 +107,7 @@ def test_columns_are_named_as_the_file_has_them():
     assert len(message) <= 300
 
 
+@pytest.mark.slow
 def test_a_refusal_by_hand_names_gyros_that_read_too_much_at_rest(tmp_path: Path):
     """An MPU-6050 has 131 LSB/(°/s); turns of 131 times their angle agree with no rest."""
     text = (EXAMPLES / "hand_held" / "simulated.toml").read_text(encoding="utf-8")

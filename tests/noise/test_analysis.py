@@ -33,6 +33,7 @@ def coefficient_of(channel: ChannelNoise, symbol: str) -> NoiseCoefficient:
     return found
 
 
+@pytest.mark.slow
 def test_a_mems_gyro_is_found_within_three_uncertainties():
     analysis = inercal.analyse_noise(recording(draw(MEMS, 4)[0], MEMS.dt))
     assert analysis.channels[0].fit.symbols == ("N", "B", "K")
@@ -96,6 +97,7 @@ def test_bias_instability_that_white_noise_covers_at_all_averaging_times_has_onl
     assert found.high > 0
 
 
+@pytest.mark.slow
 def test_a_term_that_comes_out_zero_has_an_upper_limit_above_the_truth():
     truth = replace(MEMS, n=2048)
     limits: list[float] = []
@@ -133,6 +135,7 @@ def test_lengths_of_recordings_are_those_of_the_note(
         assert found == pytest.approx(expected, rel=0.15)
 
 
+@pytest.mark.slow
 def test_lost_single_samples_are_closed_up_and_long_gaps_part_the_recording():
     y = draw(replace(MEMS, n=8192), 1)[0]
     whole = recording(y, 0.25)
@@ -166,6 +169,7 @@ def test_the_band_of_a_vibration_is_named_with_its_power():
     assert worst.level == pytest.approx(9 / white, rel=0.2)
 
 
+@pytest.mark.slow
 def test_gmwm_is_reported_only_where_it_is_possible():
     y = draw(replace(MEMS, n=4096), 1)[0]
     whole = recording(y, 0.25)
@@ -179,6 +183,7 @@ def test_gmwm_is_reported_only_where_it_is_possible():
     assert any("gmwm" in text for text in parted.remarks)
 
 
+@pytest.mark.slow
 def test_estimates_do_not_depend_on_the_averaging_times_that_are_reported():
     y = recording(draw(replace(MEMS, n=2048), 1)[0], 0.25)
     octave, every = (
@@ -199,6 +204,7 @@ def test_a_disturbance_at_the_start_is_left_out_with_its_temperature():
     assert y.size - 120 < found.n < y.size - 40
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "size"), [evidence("ramp", 0.2), ("temperature", 50.0)])
 def test_drift_is_found_within_three_uncertainties_and_no_walk_takes_its_place(
     name: str, size: float
@@ -218,6 +224,7 @@ def test_drift_is_found_within_three_uncertainties_and_no_walk_takes_its_place(
     assert drifted.channels[0].fit.symbols == plain.channels[0].fit.symbols == ("N", "B")
 
 
+@pytest.mark.slow
 def test_the_example_in_python_runs(capsys: pytest.CaptureFixture[str]):
     example = Path(__file__).parents[2] / "examples" / "noise_in_python.py"
     runpy.run_path(str(example))

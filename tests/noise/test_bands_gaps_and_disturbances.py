@@ -50,6 +50,7 @@ def test_bands_that_leave_nothing_are_refused():
         inercal.analyse_noise(vibrating(4, 5), skipped_bands=[(0, 30)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_k_is_stated_with_a_step_and_without_it(seed: int):
     y = draw(MEMS, 700 + seed)[0]
@@ -116,6 +117,7 @@ def shaken(seconds: float) -> Recording:
     return recording(y * DEG_H, dt)
 
 
+@pytest.mark.slow
 def test_noise_that_the_disturbed_times_change_by_more_than_u_is_not_to_be_relied_on():
     analysis = inercal.analyse_noise(shaken(1.0), terms="N", kinds=())
     assert analysis.channels[0].disturbed

@@ -119,6 +119,7 @@ def test_a_minimum_gives_back_the_coefficients_whose_deviation_has_it(tmp_path: 
     assert "1.44 °/h" in low.error
 
 
+@pytest.mark.slow
 def test_values_of_three_axes_are_one_root_mean_square_for_a_triad(tmp_path: Path):
     sheet = write_sheet(tmp_path, white='["1 °/√h", "2 °/√h", "3 °/√h"]',
                         white_kind='"random walk"')  # fmt: skip
@@ -143,6 +144,7 @@ def test_values_of_three_axes_are_one_root_mean_square_for_a_triad(tmp_path: Pat
     assert "step: 0.005" in (tmp_path / "imu5.filter.yaml").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_noise_of_a_data_sheet_gives_way_to_a_measured_one_in_a_run_file(tmp_path: Path):
     target = tmp_path / "run.toml"
     for _ in range(2):
@@ -173,6 +175,7 @@ def write_log(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_recording_is_compared_with_a_data_sheet_channel_by_channel(tmp_path: Path):
     log = write_log(tmp_path)
     options = ("--set", "sensor.gyro.unit=°/s", "--datasheet", write_sheet(tmp_path))
@@ -195,6 +198,7 @@ def test_a_recording_is_compared_with_a_data_sheet_channel_by_channel(tmp_path: 
     assert not any("check white_kind" in one for one in content["data_sheet"]["remarks"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("white", "kind"), [('"0.0035 °/s/√Hz"', '"random walk"'), ('"0.15 °/√h"', '"density"')]
 )
@@ -208,6 +212,7 @@ def test_a_ratio_of_the_root_of_two_names_the_other_kind(tmp_path: Path, white: 
     assert sum("times the data sheet's" in one for one in remarks) == 1
 
 
+@pytest.mark.slow
 def test_a_page_shows_the_data_sheet_and_the_register_keeps_the_sensor_s_name(tmp_path: Path):
     log, register = tmp_path / "log.csv", tmp_path / "register.db"
     rate = np.degrees(draw(replace(MEMS, n=1024), 2, 3).T)

@@ -110,6 +110,7 @@ def mems() -> tuple[np.ndarray, Bins, NoiseFit]:
     return y, bins, fit_terms(bins, "NBK")
 
 
+@pytest.mark.slow
 def test_gmwm_agrees_with_the_likelihood_within_half_an_uncertainty(
     mems: tuple[np.ndarray, Bins, NoiseFit],
 ):

@@ -79,6 +79,7 @@ def at_once(table: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> Nois
     return analyse_noise(read_rest_recording(path, UNIT), terms="NBK", kinds=())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", chosen(FORMATS, ("csv", "packed.h5")))
 def test_blocks_of_each_format_give_the_coefficients_of_the_whole(
     kind: str, table: np.ndarray, tmp_path: Path, at_once: NoiseAnalysis
@@ -95,6 +96,7 @@ def test_blocks_of_each_format_give_the_coefficients_of_the_whole(
             assert abs(a.value - b.value) < 0.3 * b.u
 
 
+@pytest.mark.slow
 def test_times_that_restart_and_lines_above_are_read_in_blocks_too(
     table: np.ndarray, tmp_path: Path, at_once: NoiseAnalysis
 ):
@@ -157,6 +159,7 @@ def test_text_in_an_hdf5_file_is_left_to_the_whole_reader(table: np.ndarray, tmp
     assert open_long_table(path, 1000) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "text"),
     [("nan", "not finite"), ("reset", "does not increase"), ("losses", "in short gaps")],

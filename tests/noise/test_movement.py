@@ -164,6 +164,7 @@ def test_noise_of_a_sensor_that_moved_begins_with_that_it_moved(tmp_path: Path):
     assert 'class="verdict bad"' in (tmp_path / "log.noise.html").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("json", [False, True])
 def test_a_script_sees_by_the_exit_status_that_the_sensor_moved(tmp_path: Path, json: bool):
     log = write_log(tmp_path / "log.csv", other_face)
@@ -172,6 +173,7 @@ def test_a_script_sees_by_the_exit_status_that_the_sensor_moved(tmp_path: Path, 
     assert done.output
 
 
+@pytest.mark.slow
 def test_a_disturbed_rest_is_stored(tmp_path: Path):
     log = write_log(tmp_path / "log.csv", knock)
     target = tmp_path / "run.toml"

@@ -35,6 +35,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_section_that_is_written_is_the_noise_of_the_run_and_changes_q(
     log: Path, tmp_path: Path
 ):
@@ -116,6 +117,7 @@ def analysis(terms: str = "NBK") -> NoiseAnalysis:
     return analyse_noise(recording, terms=terms, kinds=())
 
 
+@pytest.mark.slow
 def test_the_states_of_the_filter_make_the_allan_deviation_of_the_fit():
     yaml = pytest.importorskip("yaml")
     found = analysis()

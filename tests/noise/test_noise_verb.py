@@ -54,12 +54,14 @@ def found(written: tuple[Path, dict[str, dict[str, object]]]) -> dict[str, dict[
     return written[1]
 
 
+@pytest.mark.slow
 def test_a_log_is_analysed_in_the_units_of_data_sheets(found: dict[str, dict[str, object]]):
     assert list(found) == ["ax", "ay", "az", "gx", "gy", "gz"]
     assert values(found["ax"])["N"] == pytest.approx(100, rel=0.05)
     assert values(found["gz"])["N"] == pytest.approx(0.15, rel=0.05)
 
 
+@pytest.mark.slow
 def test_terms_and_averaging_times_are_those_that_are_asked_for(folder: Path):
     found = analysed(folder, "--terms", "NB", "--taus", "decade")
     assert all(one["model"] == ["N", "B"] for one in found.values())
@@ -87,6 +89,7 @@ def test_files_for_a_run_file_kalibr_and_ros_hold_the_printed_values(
     assert variance == pytest.approx(density**2 * 50, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_run_file_takes_the_noise_into_its_sections_and_keeps_the_rest(
     folder: Path, tmp_path: Path
 ):
@@ -109,6 +112,7 @@ def test_a_run_file_takes_the_noise_into_its_sections_and_keeps_the_rest(
     assert target.with_name("run.toml.previous").read_text() == before
 
 
+@pytest.mark.slow
 def test_the_offset_of_an_accelerometer_whose_unit_is_seen_counts(
     folder: Path, found: dict[str, dict[str, object]]
 ):
@@ -117,6 +121,7 @@ def test_the_offset_of_an_accelerometer_whose_unit_is_seen_counts(
     assert float(str(shifted["ax"]["mean"])) == pytest.approx(float(str(found["ax"]["mean"])) - 0.5)
 
 
+@pytest.mark.slow
 def test_a_run_file_names_the_recording(folder: Path, found: dict[str, dict[str, object]]):
     run_file = folder / "run.toml"
     run_file.write_text(

@@ -82,6 +82,7 @@ def test_the_allan_variance_behind_a_pole_is_that_of_simulated_readings():
         assert np.mean(d**2) / (2 * m**2) == pytest.approx(expected, rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "cutoff", "rate", "shape"),
     [
@@ -114,6 +115,7 @@ def test_a_filter_is_found_with_its_cutoff_and_n_is_its_plateau(
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_flicker_and_rounding_behind_a_filter_are_found_beside_it():
     truth = FilteredTruth("pole", 20, seconds=1200, flicker=20.0, step=0.0076)
     found = analyse(truth, 4)
@@ -142,6 +144,7 @@ def test_a_sensor_without_a_filter_has_none(truth: FilteredTruth):
     assert found.band == np.inf
 
 
+@pytest.mark.slow
 def test_q_n_and_b_are_fitted_together():
     truth = FilteredTruth(seconds=1200, flicker=60.0, increments=1e-4)
     found = analyse(truth, 7)
@@ -151,6 +154,7 @@ def test_q_n_and_b_are_fitted_together():
     assert abs(white.value / DEG - 0.3 * DEG_SQRT_H) < 3 * white.u / DEG
 
 
+@pytest.mark.slow
 def test_an_unknown_filter_leaves_a_band_from_which_n_comes():
     truth = FilteredTruth("Chebyshev", 20, seconds=600)
     found = analyse(truth, 2)
@@ -163,6 +167,7 @@ def test_an_unknown_filter_leaves_a_band_from_which_n_comes():
     assert not found.goodness.fits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cutoff", [0.03, 0.1])
 def test_a_filter_near_the_flicker_is_refused_by_name(cutoff: float):
     truth = FilteredTruth("pole", cutoff, seconds=900, flicker=10.0)
@@ -196,6 +201,7 @@ def test_nothing_is_written_of_a_refused_channel(tmp_path: Path):
     assert refused["symbols"] == ["N", "B", "K"]
 
 
+@pytest.mark.slow
 def test_a_slow_gauss_markov_process_is_no_filter_and_is_not_refused():
     y = draw(MEMS.without(n=32768, flicker=0.0, walk=0.0, markov=8.0, markov_time=300.0), 5)[0]
     one = Recording(0.25 * np.arange(y.size), y[:, None], ("gx",), ("rad/s",))
@@ -205,6 +211,7 @@ def test_a_slow_gauss_markov_process_is_no_filter_and_is_not_refused():
     assert "G" in found.fit.symbols
 
 
+@pytest.mark.slow
 def test_white_noise_that_is_seen_beside_a_strong_walk_is_not_refused():
     # They are equal at 0.8 Hz: above it a recording at 100 Hz shows the white noise.
     rng, n, dt = np.random.default_rng(3), 60_000, 0.01
@@ -220,6 +227,7 @@ def test_white_noise_that_is_seen_beside_a_strong_walk_is_not_refused():
     assert walk_found.value == pytest.approx(0.05, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_time_constant_at_the_edge_of_its_grid_has_no_uncertainty():
     y = draw(MEMS.without(n=8192, flicker=0.0, walk=3.0), 2)[0]
     one = Recording(0.25 * np.arange(y.size), y[:, None], ("gx",), ("rad/s",))
@@ -232,6 +240,7 @@ def test_a_time_constant_at_the_edge_of_its_grid_has_no_uncertainty():
     assert "G" not in chosen.fit.symbols
 
 
+@pytest.mark.slow
 def test_what_is_not_significant_has_an_interval_with_zero():
     absent = 0
     for seed in range(3):
@@ -319,6 +328,7 @@ def test_a_data_sheet_without_drift_writes_no_zero(tmp_path: Path):
         assert all(one > 0 for one in numbers(path.read_text(encoding="utf-8")))
 
 
+@pytest.mark.slow
 def test_an_axis_without_a_random_walk_counts_with_its_limit():
     quiet = draw(MEMS.without(n=8192, flicker=0.0, walk=0.0), 1)[0]
     walking = draw(MEMS.without(n=8192, flicker=0.0, walk=2.0), 2)[0]
@@ -377,6 +387,7 @@ def test_noise_behind_a_filter_raises_no_bursts():
         assert not [one for one in find_disturbances(y, 0.01) if one.kind == "burst"]
 
 
+@pytest.mark.slow
 def test_coarse_steps_hide_no_noise_that_a_filter_made_slow():
     # The differences of neighbours are a sixth of a step, the noise itself is of 1.2 steps.
     y = readings(FilteredTruth("pole", 1, seconds=300), 3)

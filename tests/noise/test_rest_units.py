@@ -33,6 +33,7 @@ def remarks(recording: Recording, gravity: float | None = G0) -> tuple[str, ...]
     return inercal.analyse_noise(recording, terms="N", kinds=(), gravity=gravity).remarks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mean", [evidence(LEVEL), TILTED], ids=["level", "tilted"])
 @pytest.mark.parametrize(
     ("size", "unit", "right"),
@@ -51,6 +52,7 @@ def test_a_triad_in_another_unit_is_refused(mean: Array, size: float, unit: str,
     assert remarks(recording, None) == ()
 
 
+@pytest.mark.slow
 def test_right_units_pass_and_a_doubtful_scale_is_said():
     assert remarks(rest(LEVEL, ("m/s²",) * 3)) == ()
     assert remarks(rest(TILTED / G0, ("g",) * 3)) == ()
@@ -59,6 +61,7 @@ def test_right_units_pass_and_a_doubtful_scale_is_said():
     assert "check the nominal scale" in doubt
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [0.0, 0.003, 0.1, 1.0, -1.0])
 def test_one_or_two_axes_may_have_any_inclination(level: float):
     assert remarks(rest(np.array([level * G0]), ("m/s²",))) == ()
@@ -75,6 +78,7 @@ def test_no_axis_reads_more_than_gravity(axes: int):
         inercal.analyse_noise(rest(mean, ("g",) * axes, names))
 
 
+@pytest.mark.slow
 def test_a_rate_beyond_any_bias_is_said():
     gyros = ("gx", "gy", "gz")
     bias = np.array([0.5, -0.3, 0.1])  # °/s
@@ -84,6 +88,7 @@ def test_a_rate_beyond_any_bias_is_said():
     assert "gz" not in doubt
 
 
+@pytest.mark.slow
 def test_a_disturbed_or_moved_recording_is_judged_by_its_rests():
     moved = rest(TILTED, ("m/s²",) * 3)
     moved.data[600:900] += 5 * np.random.default_rng(4).standard_normal((300, 3))
@@ -99,6 +104,7 @@ def test_the_reported_log_is_refused_and_writes_nothing(tmp_path: Path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "norm", "refused"),
     [("six_position", 1.0, False), ("six_position", 20.0, True), ("centrifuge_norm", 20.0, False)],

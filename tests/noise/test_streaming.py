@@ -45,6 +45,7 @@ def test_the_coefficients_of_pieces_are_those_of_the_whole(series: np.ndarray):
         assert abs(one.value - other.value) < 0.3 * other.u
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [60, 1000])
 def test_a_step_and_a_burst_of_a_stream_are_found(series: np.ndarray, step: float):
     y = series.copy()

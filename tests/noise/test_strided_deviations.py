@@ -13,6 +13,7 @@ from inercal.noise.pieces import Part, gap_oadev
 N = 1 << 14
 
 
+@pytest.mark.slow
 def test_all_averaging_times_use_every_difference():
     y = draw(MEMS, 6)[0][:N] + 1e-7 * np.arange(N)  # with a ramp, which is large at long times
     found = deviations(y, MEMS.dt, spacing="all")

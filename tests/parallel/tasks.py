@@ -8,7 +8,7 @@ from threading import Event
 
 from inercal.basics.errors import NotObserved
 from inercal.basics.parallel import in_order
-from inercal.basics.parallel.process_executor import ProcessExecutor
+from inercal.basics.parallel.isolated_executor import ProcessExecutor
 from inercal.cli import app
 
 LONG = 60.0  # s

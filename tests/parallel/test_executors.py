@@ -21,7 +21,7 @@ from tests.uncertainty.test_monte_carlo import run as random_trials
 
 from inercal.basics.errors import InercalError, NotObserved
 from inercal.basics.parallel import Executor, SerialExecutor, WorkerLost, in_order, open_executor
-from inercal.basics.parallel.process_executor import ProcessExecutor
+from inercal.basics.parallel.isolated_executor import ProcessExecutor
 from inercal.estimation.uncertainty import monte_carlo
 
 LIMIT = 20.0  # s, for what must not hang
@@ -46,6 +46,7 @@ def two_processes() -> Generator[ProcessExecutor]:
         yield executor
 
 
+@pytest.mark.slow
 def test_every_index_comes_once_from_both_processes(two_processes: ProcessExecutor):
     indices = [two_processes.submit(tasks.process_and_square, x) for x in range(1000)]
     found = dict(two_processes.completed())
@@ -198,6 +199,7 @@ def waiting(tmp_path: Path) -> Generator[subprocess.Popen[str]]:
     process.communicate()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="a terminal's interrupt needs a group")
 def test_an_interrupt_from_the_keyboard_is_one_line_and_leaves_no_process(
     waiting: subprocess.Popen[str],
@@ -208,6 +210,7 @@ def test_an_interrupt_from_the_keyboard_is_one_line_and_leaves_no_process(
     assert (waiting.returncode, output, errors.splitlines()) == (130, "", ["inercal: stopped"])
 
 
+@pytest.mark.slow
 def test_no_process_outlives_one_that_was_killed(waiting: subprocess.Popen[str]):
     os.kill(waiting.pid, DIES)
     waiting.communicate(timeout=LIMIT)

@@ -43,6 +43,7 @@ class FirstTasks(PicklingExecutor):
         raise Asked
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [
@@ -64,6 +65,7 @@ def test_a_budget_of_copies_is_the_budget(name: str):
         assert_array_equal(deviations.monte_carlo, there.contributions[one].monte_carlo)
 
 
+@pytest.mark.slow
 def test_a_rehearsal_of_copies_is_the_rehearsal():
     run = read(default_run_file(), {"name": "multi_position", "positions": 12, "seconds": "2 s"})
     copies = PicklingExecutor()

@@ -38,6 +38,7 @@ def _ask(client: Any, line: str) -> str:
     return reply
 
 
+@pytest.mark.slow
 def test_it_connects_and_knows_the_model(client: Any):
     assert client.getPmacModel() == "Geo Brick (3U Turbo PMAC2)"
     assert client.getNumberOfAxes() == 16

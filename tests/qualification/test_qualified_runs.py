@@ -123,6 +123,7 @@ def test_without_the_map_of_the_head_the_residuals_show_it(folder: Path):
     assert known.chi2 < 29 < 60 < calibrate(path).estimate.chi2  # 95 % of 18 degrees: 28.9
 
 
+@pytest.mark.slow
 def test_correlated_parameters_enter_covariance_and_shared_errors(folder: Path):
     outcome = arm(folder)
     found = load(folder / "radius.qualification.json")
@@ -153,6 +154,7 @@ def test_correlated_parameters_enter_covariance_and_shared_errors(folder: Path):
     assert total == pytest.approx(j @ found.covariance @ j.T, rel=1e-6, abs=1e-18)
 
 
+@pytest.mark.slow
 def test_gravity_of_a_radius_is_that_of_the_house(folder: Path):
     gravity = load(folder / "gravity.qualification.json").determination
     alone = arm(folder)
@@ -257,6 +259,7 @@ def test_an_expired_qualification_is_said_in_the_verdict(folder: Path):
     assert not [one for one in read(dated).findings if one.what == "qualification"]
 
 
+@pytest.mark.slow
 def test_a_withdrawn_qualification_lists_what_used_it_and_is_refused(folder: Path):
     register = folder / "register.db"
     with Register(str(register)) as opened:
@@ -394,6 +397,7 @@ def test_a_budget_draws_correlated_parameters_as_the_fit_counts_them(folder: Pat
     assert set(drawn) <= set(experiment.bench_parameters)
 
 
+@pytest.mark.slow
 def test_a_batch_has_the_joint_prior(folder: Path):
     one = arm(folder).calibration
     table = read_table(folder / "lab.csv", text=("position",))
@@ -451,6 +455,7 @@ def test_a_simulation_draws_the_bench_with_its_covariance(folder: Path):
     assert (np.abs(made - found.covariance) / size).max() < 0.04
 
 
+@pytest.mark.slow
 def test_gravity_is_shared_through_a_radius_that_builds_on_it(folder: Path):
     """Two arms in one house with radii by sensors: their errors are correlated by gravity."""
     first = by_name(arm(folder))

@@ -54,6 +54,7 @@ def test_a_coefficient_is_one_line_of_the_table(monkeypatch: pytest.MonkeyPatch)
     np.testing.assert_allclose(moved, sensor.design(f, c)[..., 1], rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_report_figure_is_data_that_the_kind_of_bench_gives(tmp_path: Path):
     def plots(shown: ReportInput) -> tuple[Plot, ...]:
         values = shown.observations.mean[:, 0] / G0

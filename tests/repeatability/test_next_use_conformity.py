@@ -28,6 +28,7 @@ def with_limits(folder: Path, text: str) -> Path:
     return run
 
 
+@pytest.mark.slow
 def test_u_of_the_next_use_holds_session_and_scatter(folder: Path):
     run = with_limits(folder, LIMITS.format("TRIAD-7.repeatability.json") + LIMIT)
     found = inercal.calibrate(run).calibration
@@ -51,6 +52,7 @@ def load_scatter(folder: Path) -> np.ndarray:
     return load_next_use(folder / "TRIAD-7.repeatability.json").covariance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -66,6 +68,7 @@ def test_wrong_keys_are_refused(folder: Path, text: str, words: str):
     assert words in str(caught.value)
 
 
+@pytest.mark.slow
 def test_the_calibration_of_the_next_use_corrects_readings(folder: Path):
     found = load(folder / "TRIAD-7.next_use.calibration.json")
     last = load(folder / "session_4.calibration.json")

@@ -28,6 +28,7 @@ def test_what_sessions_share_is_not_averaged():
     assert np.all(many.mean.scatter_std < 0.6 * few.mean.scatter_std)
 
 
+@pytest.mark.slow
 def test_another_determination_in_each_session_is_averaged():
     sessions = [
         replace(one, calibration=replace(one.calibration, shared=tuple(
@@ -47,6 +48,7 @@ def test_files_that_state_nothing_are_taken_as_fully_shared():
     assert len(found.fit.matched.unstated) == 10
 
 
+@pytest.mark.slow
 def test_the_rotation_of_the_mounting_is_told_from_the_sensor():
     found = repeat(drawn_sessions(60))
     by_name = {one.effect.name: one for one in found.components}
@@ -63,6 +65,7 @@ def test_the_rotation_of_the_mounting_is_told_from_the_sensor():
     )
 
 
+@pytest.mark.slow
 def test_days_and_turn_ons_are_told_apart():
     laboratory = Laboratory(day=(200.0, 100.0, 0.0))
     days = np.repeat(np.arange(12), 4)
@@ -98,6 +101,7 @@ def test_two_of_one_recording_are_refused():
         repeat([first, second])
 
 
+@pytest.mark.slow
 def test_a_session_that_lies_apart_is_named():
     sessions = drawn_sessions(8)
     off = sessions[3].calibration
@@ -110,6 +114,7 @@ def test_a_session_that_lies_apart_is_named():
     assert quiet <= 3
 
 
+@pytest.mark.slow
 def test_an_axis_that_scatters_more_is_named_and_takes_its_own_scatter():
     found = repeat(drawn_sessions(20, laboratory=Laboratory(odd=5.0)))
     assert any("ax.k0 scatters more" in line for line in found.findings)
@@ -178,6 +183,7 @@ def test_one_good_session_says_that_its_scatter_is_not_seen():
     assert not repeat(drawn_sessions(3)).fit.unseen
 
 
+@pytest.mark.slow
 def test_own_scatter_is_named_where_it_is_added():
     for seed in range(10):
         found = repeat(drawn_sessions(5, seed), mount_owner="sensor")

@@ -90,6 +90,7 @@ def without(outcome: Outcome, label: str) -> Outcome:
     return replace(outcome, observations=observations, steps=steps, estimate=estimate)
 
 
+@pytest.mark.slow
 def test_the_page_asks_for_nothing_outside_itself(text: str):
     assert "http:" not in text
     assert "https:" not in text
@@ -126,6 +127,7 @@ def test_every_coefficient_is_there_with_value_and_expanded_uncertainty(
         assert f">{expanded}<" in row[0]
 
 
+@pytest.mark.slow
 def test_the_error_column_appears_only_with_a_truth(text: str, plain: str):
     assert "error / u" in text
     assert "error / u" not in plain
@@ -138,6 +140,7 @@ def test_errors_against_the_truth_are_in_standard_uncertainties(outcome: Outcome
     assert (row.name, row.error, row.error_is_large) == ("ax.k0", "+4.00", True)
 
 
+@pytest.mark.slow
 def test_hostile_names_and_labels_stay_text_and_a_million_samples_under_two_megabytes(
     outcome: Outcome,
 ):
@@ -194,6 +197,7 @@ def test_short_recordings_are_drawn_sample_by_sample():
     assert when[0] == 0
 
 
+@pytest.mark.slow
 def test_rests_found_by_hand_make_a_page_with_the_scatter_they_were_found_by(by_hand: Outcome):
     tags = parsed(calibration_page(by_hand, None))
     assert any(name.startswith("scatters-") for name in tags.ids)
@@ -208,6 +212,7 @@ def test_rows_of_residuals_by_the_same_rests_name_them_once(by_hand: Outcome):
     assert names.count(rotations.labels[0]) == 2
 
 
+@pytest.mark.slow
 def test_means_and_a_nonlinear_model_make_a_page_without_traces_and_without_a_matrix(
     outcome: Outcome,
 ):
@@ -220,6 +225,7 @@ def test_means_and_a_nonlinear_model_make_a_page_without_traces_and_without_a_ma
     parsed(text)
 
 
+@pytest.mark.slow
 def test_an_estimate_without_residuals_says_what_its_uncertainty_lacks(run: Run):
     text = calibration_page(calibrate(replace(run, estimator="classical")), None)
     assert "U includes only the noise of the means" in " ".join(text.split())
@@ -234,6 +240,7 @@ def test_each_linked_term_is_defined_once_at_the_end(plain: str):
     assert sorted(linked) == sorted(defined)
 
 
+@pytest.mark.slow
 def test_faces_without_a_position_are_named(outcome: Outcome):
     assert missing_faces(directions(outcome)) == []
     hold = next(s for s in outcome.steps if isinstance(s, Hold) and s.up == (0.0, 0.0, -1.0))

@@ -33,6 +33,7 @@ def text(history: SensorHistory) -> str:
     return sensor_history_page(history)
 
 
+@pytest.mark.slow
 def test_the_page_is_whole_and_names_each_thing_once(text: str):
     tags = parsed(text)
     assert len(tags.ids) == len(set(tags.ids))
@@ -88,6 +89,7 @@ def test_the_summary_counts_what_the_verdicts_say(text: str, history: SensorHist
     assert f"in {history.exceedances} of {history.comparison_count}" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_short_history_is_drawn_too(register: Register, tmp_path: Path, count: int):
     truth = replace(SMALL, sensor=f"short {count}")
@@ -97,6 +99,7 @@ def test_a_short_history_is_drawn_too(register: Register, tmp_path: Path, count:
     assert ("only one calibration" in found) == (count == 1)
 
 
+@pytest.mark.slow
 def test_names_of_all_kinds_are_text_and_nothing_else(register: Register, tmp_path: Path):
     rng = np.random.default_rng(1)
     name = '<script>alert("1")</script> & $x^2$ 加'
@@ -115,6 +118,7 @@ def test_names_of_all_kinds_are_text_and_nothing_else(register: Register, tmp_pa
     assert len(tags.ids) == len(set(tags.ids))
 
 
+@pytest.mark.slow
 def test_calibrations_of_one_moment_are_drawn(register: Register, tmp_path: Path):
     rng = np.random.default_rng(1)
     truth = replace(SMALL, sensor="at once")

@@ -183,11 +183,13 @@ def test_every_method_has_a_case():
     assert {case.content["method"]["name"] for case in (QUICK | SLOW).values()} == set(METHODS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_every_key_counts_or_is_refused(tmp_path: Path, case: Case):
     assert silent_keys(tmp_path, prepared(tmp_path, case)) == {}
 
 
+@pytest.mark.slow
 def test_every_key_of_planning_changes_what_is_simulated(tmp_path: Path):
     """Limits of a table and the place of the IMU on it enter no result."""
     content = example(TABLE, ("data", "rate", "5 Hz"), ("data", "file", "log.npz"))

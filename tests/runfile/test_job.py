@@ -24,6 +24,7 @@ def change(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new), encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_job_changes_no_number_and_stands_in_calibration_and_report(job: Path):
     outcome = inercal.calibrate(job)
     plain = inercal.calibrate(job.with_name("run.toml")).calibration

@@ -143,6 +143,7 @@ def test_a_coefficient_in_its_guard_band_passes_conditionally(tmp_path: Path):
     assert_allclose(found.probability, at_limit.probability, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_conformity_is_in_file_report_and_lines(tmp_path: Path):
     outcome = calibrate(EXAMPLES / "six_position" / "specification.toml")
     calibration = outcome.calibration

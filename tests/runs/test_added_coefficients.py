@@ -50,6 +50,7 @@ def violated(case: str, violation: str) -> auto.Row:
     return max(auto.rows_of(case, violation), key=lambda one: one.eta)
 
 
+@pytest.mark.slow
 def test_what_was_added_is_recorded_and_the_result_is_that_of_an_explicit_list(
     example: Path, tmp_path: Path
 ):
@@ -77,6 +78,7 @@ def test_an_addition_that_another_cause_replaces_is_not_consistent(example: Path
     assert calibrate(example, also=["a.k2"]).verdict.grade == "consistent"
 
 
+@pytest.mark.slow
 def test_the_option_sets_it_for_one_run(example: Path, tmp_path: Path):
     plain = example.with_name("left_out.toml")
     ended = run_program("calibrate", plain, "--auto", "--json", "--no-report", "--out", tmp_path)
@@ -127,6 +129,7 @@ def two_violations(tmp_path: Path) -> Path:
     return written(here.files(values, np.random.default_rng(2), None), tmp_path)
 
 
+@pytest.mark.slow
 def test_several_are_added_and_each_is_what_the_verdict_advises(tmp_path: Path):
     run_file, also = two_violations(tmp_path), list[str]()
     found = calibrate(run_file, also="auto")
@@ -141,6 +144,7 @@ def test_several_are_added_and_each_is_what_the_verdict_advises(tmp_path: Path):
     np.testing.assert_array_equal(outcome.calibration.values, found.calibration.values)
 
 
+@pytest.mark.slow
 def test_it_stops_after_the_last_that_is_allowed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(added_coefficients, "MOST_ADDITIONS", 1)
     found = calibrate(two_violations(tmp_path), also="auto")
@@ -148,6 +152,7 @@ def test_it_stops_after_the_last_that_is_allowed(tmp_path: Path, monkeypatch: py
     assert found.verdict.best is not None
 
 
+@pytest.mark.slow
 def test_half_of_the_degrees_of_freedom_are_kept(tmp_path: Path):
     row = violated("multi_position", "k2")
     row = replace(row, size=10 * row.size)
@@ -161,6 +166,7 @@ def test_half_of_the_degrees_of_freedom_are_kept(tmp_path: Path):
     assert calibrate(run_file, also=["k2"]).estimate.converged
 
 
+@pytest.mark.slow
 def test_coefficients_of_temperature_are_left_to_their_orders(example: Path):
     run_file = example.parents[1] / "six_position" / "soaks.toml"
     table = run_file.with_suffix(".csv")
@@ -217,6 +223,7 @@ def sensitive_to_g() -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 def test_a_sensitivity_of_gyros_to_acceleration_is_added_on_a_rate_table_of_known_arm():
     stated = {"rate_asymmetry": "10 ppm", "rate_stability": "5 ppm", "latitude": "50 °"}
     keys: dict[str, Any] = arguments({"also": "auto"}, stated) | {"sd": {"gyro": "4 °/h"}}
@@ -228,6 +235,7 @@ def test_a_sensitivity_of_gyros_to_acceleration_is_added_on_a_rate_table_of_know
     assert [one.group for one in calibrate(sensitive_to_g(), **keys).additions] == ["g"]
 
 
+@pytest.mark.slow
 def test_an_addition_by_which_the_noise_of_the_rests_decreases_too_is_kept():
     """The tremor that the rests show and the gyros seem to share is then their sensitivity."""
     rng = np.random.default_rng([1, 63])

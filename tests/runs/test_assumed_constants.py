@@ -46,6 +46,7 @@ def test_half_a_unit_of_the_last_digit_counts_as_if_it_were_stated(tmp_path: Pat
     assert not any("without ±" in x for one in (stated, exact) for x in one.calibration.notes)
 
 
+@pytest.mark.slow
 def test_an_assumed_part_larger_than_the_rest_is_refused_and_named(tmp_path: Path):
     # u of k1 from noise and tilt alone is some 1e-5; half a centimetre per s² is 3e-4 of gravity.
     with refused(InputError, key="[bench] gravity") as refusal:

@@ -84,6 +84,7 @@ def nees(outcome: Outcome) -> float:
     return float(error @ np.linalg.solve(calibration.covariance, error)) / error.size
 
 
+@pytest.mark.slow
 def test_the_printed_table_does_not_pass_quietly(data_dir: Path, tmp_path: Path):
     outcome = table("printed", data_dir, tmp_path)
     assert outcome.verdict.grade == "unreliable"
@@ -114,6 +115,7 @@ def test_the_corrected_table_gives_the_source_s_truth(data_dir: Path, tmp_path: 
         assert bend == pytest.approx(device.bend[k], abs=2e-10)
 
 
+@pytest.mark.slow
 def test_a_laboratory_table_states_the_gain_by_its_attitudes():
     outcome = calibrate(EXAMPLES / "lab.toml")
     assert outcome.estimate.consistent
@@ -137,6 +139,7 @@ INDEXED = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [(), (COUNTER_ROTATING,), evidence(((DWELL, f'{DWELL}\nsense = "clockwise"'),)), INDEXED],
@@ -163,6 +166,7 @@ def test_a_plan_takes_as_long_as_its_simulation(tmp_path: Path, acceleration: fl
     assert steepest == pytest.approx(acceleration, rel=0.01)
 
 
+@pytest.mark.slow
 def test_an_arm_run_with_a_slow_arm_is_calibrated_to_its_truth(tmp_path: Path):
     outcome = simulated(tmp_path, (DWELL, f'{DWELL}\nmax_acceleration = "20 °/s²"'))
     assert outcome.estimate.p_value > 1e-3
@@ -171,6 +175,7 @@ def test_an_arm_run_with_a_slow_arm_is_calibrated_to_its_truth(tmp_path: Path):
         read(changed(tmp_path, "arm_run", (DWELL, f'{DWELL}\nmax_acceleration = "0 °/s²"')))
 
 
+@pytest.mark.slow
 def test_lever_arms_of_an_arm_run_are_found(tmp_path: Path):
     arms = ("ax.arm_i", "ax.arm_o", "ay.arm_i", "az.arm_i", "az.arm_p")
     also = f"also = {list(arms)}".replace("'", '"')
@@ -238,6 +243,7 @@ def test_drift_that_the_sensor_states_is_in_the_uncertainty(tmp_path: Path):
     assert 0.7 < np.mean(ratios) < 1.4, ratios
 
 
+@pytest.mark.slow
 def test_one_bad_azimuth_is_the_only_suspect(arm_run: Callable[..., Outcome]):
     outcome = arm_run(COUNTER_ROTATING)
     assert isinstance(outcome.bench, Centrifuge)
@@ -259,6 +265,7 @@ def simulate_aligned_sensor(folder: Path, *changes: tuple[str, str]) -> Outcome:
     return calibrate(run)
 
 
+@pytest.mark.slow
 def test_one_rate_in_half_a_circle_is_refused_and_all_round_accepted(tmp_path: Path):
     one = ('rates = ["60 rpm", "120 rpm", "180 rpm"]', 'rates = ["60 rpm"]')
     half = ('attitudes = "full-circle"', 'attitudes = "half-circle"')
@@ -268,12 +275,14 @@ def test_one_rate_in_half_a_circle_is_refused_and_all_round_accepted(tmp_path: P
     assert simulate_aligned_sensor(tmp_path, one).estimate.consistent
 
 
+@pytest.mark.slow
 def test_an_estimate_without_uncertainty_is_refused(tmp_path: Path):
     paper = ('name = "centrifuge_norm"', 'name = "centrifuge_norm"\nestimator = "paper"')
     with pytest.raises(InputError):
         simulated(tmp_path, paper)
 
 
+@pytest.mark.slow
 def test_a_saturated_dwell_is_omitted_and_reported(tmp_path: Path):
     outcome = simulated(tmp_path, ('full_scale = "60 g"', 'full_scale = "33 g"'))
     assert any(f.what == "dwell" for f in outcome.findings)
@@ -383,6 +392,7 @@ def test_keys_of_a_centrifuge_are_refused_elsewhere(tmp_path: Path):
     assert "arm_rate" in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_the_report_of_an_arm_run_shows_bench_norms_and_dwells(
     arm_run: Callable[..., Outcome], tmp_path: Path
 ):
@@ -468,6 +478,7 @@ def test_exchanged_or_reversed_columns_are_named_by_the_known_attitudes(
     assert signs.partition(" ")[0] == reversed_column
 
 
+@pytest.mark.slow
 def test_a_wrong_unit_of_the_rate_is_named_before_dwells_are_sought(tmp_path: Path):
     run = read(changed(tmp_path, "arm_run", ("turns = 10", "turns = 5")))
     write_recording(apply_data_columns(run, simulate(run, 0)), run.file(run.data.file))
@@ -499,6 +510,7 @@ def test_units_that_gravity_cannot_tell_apart_are_both_named(tmp_path: Path):
     assert "[bench] radius" in after
 
 
+@pytest.mark.slow
 def test_coefficients_that_the_attitudes_do_not_show_are_taken_out_of_the_key(tmp_path: Path):
     method = 'name = "centrifuge_norm"'
     with pytest.raises(NotObserved) as caught:

@@ -90,6 +90,7 @@ WIDTH = {"gyro": 14.4, "accelerometer": 10.0}
 LOOP = {"gyro": 30.0, "accelerometer": 20.0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensor", EXAMPLE)
 def test_effects_of_a_device_are_in_the_outcome_the_report_and_json(sensor: str, tmp_path: Path):
     unit, axis = UNIT[sensor], EXAMPLE[sensor][1]
@@ -143,6 +144,7 @@ def test_the_simulated_example_has_no_effect(sensor: str, tmp_path: Path):
         assert not found["short-term stability"].figure.detected
 
 
+@pytest.mark.slow
 def test_the_backlash_of_the_head_is_uncertainty_of_the_hysteresis(tmp_path: Path):
     write_table(tmp_path, "accelerometer", made.Effects())
     u: list[float] = []
@@ -156,6 +158,7 @@ def test_the_backlash_of_the_head_is_uncertainty_of_the_hysteresis(tmp_path: Pat
     assert u[2] > 3 * u[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["rate_hysteresis", "settling"])
 def test_order_errors_of_the_table_are_uncertainty_of_the_hysteresis(key: str, tmp_path: Path):
     write_table(tmp_path, "gyro", made.Effects())
@@ -206,6 +209,7 @@ PIER = ('pier = "0.02 ″"', 'pier = "0.05 ″"')
 DRIFTING = warm.Effects(-60 * warm.UG, 300.0, 2 * warm.UG)
 
 
+@pytest.mark.slow
 def test_a_warm_up_is_in_the_outcome_and_the_report_but_not_in_the_fit(tmp_path: Path):
     write_warm_up(tmp_path, DRIFTING)
     path = run_file(tmp_path, "accelerometer", *CHANGES["accelerometer"], TIMES, PIER)
@@ -296,6 +300,7 @@ def test_a_plan_seeks_the_resolution_about_a_rate_above_the_small_ones():
     assert np.degrees(rates[-9:]) == pytest.approx(7 + np.array(small_loop([0.3, 0.6])))
 
 
+@pytest.mark.slow
 def test_a_resolution_is_about_the_rate_of_the_table(tmp_path: Path):
     write_table(tmp_path, "gyro", made.Effects())
     found = calibrate(run_file(tmp_path, "gyro")).characteristics

@@ -54,6 +54,7 @@ def test_an_array_has_numbered_columns(of_file: Outcome) -> None:
     np.testing.assert_array_equal(means(table).calibration.values, of_file.calibration.values)
 
 
+@pytest.mark.slow
 def test_recording_and_array_give_the_same() -> None:
     run = read(EXAMPLES / "hand_held" / "simulated.toml")
     recording = simulate(run, 1)

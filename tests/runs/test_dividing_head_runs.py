@@ -130,6 +130,7 @@ def nees(outcome: Outcome, error: Array) -> float:
     return float(error @ np.linalg.solve(outcome.calibration.covariance, error)) / error.size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("collimated", ["pairs", "every"])
 def test_tables_of_another_program_give_the_truth_as_well_as_stated(
     tmp_path: Path, collimated: str
@@ -601,6 +602,7 @@ def pair_changes(kind: str) -> tuple[tuple[str, str], ...]:
     return (change,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["every", evidence("pairs"), "none"])
 def test_simulated_recordings_give_the_truth_as_well_as_stated(tmp_path: Path, kind: str):
     found: list[float] = []
@@ -709,6 +711,7 @@ def test_corrected_recordings_hold_the_force_along_the_accelerometers(tmp_path: 
     assert norm[still].mean() == pytest.approx(9.80153, abs=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seconds", "most"), [(0.1, 1.1), (1.0, 1.25)])
 def test_coloured_noise_is_in_the_standard_error(seconds: float, most: float):
     """Correlated over 1/300 or 1/30 of a position; taken as white it would be 1.6 or 4.5 times."""

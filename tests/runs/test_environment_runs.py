@@ -13,8 +13,8 @@ import inercal
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
+from inercal.calibration.display import temperature_curves
 from inercal.calibration.files import load, save
-from inercal.calibration.temperature_curves import temperature_curves
 from inercal.pipeline import (
     Outcome,
     apply,
@@ -66,6 +66,7 @@ def truth_of(path: Path, calibration: Calibration) -> np.ndarray:
     return np.array([stated.get(name, 0.0) for name in calibration.sensor.coefficients])
 
 
+@pytest.mark.slow
 def test_soaks_of_six_positions_recover_the_truth_with_the_orders_that_made_it(
     soaked: tuple[Path, Outcome],
 ):
@@ -82,6 +83,7 @@ def test_soaks_of_six_positions_recover_the_truth_with_the_orders_that_made_it(
     assert all(one.ratio < 1.5 for one in fit.left_out if one.inside)
 
 
+@pytest.mark.slow
 def test_a_report_shows_curves_and_the_soaks_left_out(soaked: tuple[Path, Outcome], tmp_path: Path):
     page = Path(inercal.write_report(soaked[1], tmp_path / "r.html")).read_text(encoding="utf-8")
     section = page[page.index('id="temperature"') :]
@@ -102,6 +104,7 @@ def test_curves_are_the_polynomials_with_their_covariance(soaked: tuple[Path, Ou
     np.testing.assert_allclose(curve.std**2, variance, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_apply_refuses_two_kelvin_beyond_unless_asked_and_then_marks(
     soaked: tuple[Path, Outcome], tmp_path: Path
 ):
@@ -135,6 +138,7 @@ def test_curves_refuse_two_kelvin_beyond(soaked: tuple[Path, Outcome]):
         temperature_curves(found, np.array([high + 2.0]))
 
 
+@pytest.mark.slow
 def test_orders_that_are_too_low_are_named(soaked: tuple[Path, Outcome], tmp_path: Path):
     run = written(
         soaked[0].parent / "low", SOAKS, {'"auto"': "[1, 0, 0]", "soaks.npz": "../soaks.npz"}
@@ -144,6 +148,7 @@ def test_orders_that_are_too_low_are_named(soaked: tuple[Path, Outcome], tmp_pat
     assert any(finding.what == "temperature_order" for finding in outcome.findings)
 
 
+@pytest.mark.slow
 def test_shared_errors_of_soaks_are_in_the_uncertainty(soaked: tuple[Path, Outcome]):
     path, outcome = soaked
     bare = written(
@@ -157,6 +162,7 @@ def test_shared_errors_of_soaks_are_in_the_uncertainty(soaked: tuple[Path, Outco
         assert less.uncertainty(name) < outcome.calibration.uncertainty(name)
 
 
+@pytest.mark.slow
 def test_a_bias_that_hangs_on_the_direction_shows_as_a_loop(tmp_path: Path):
     there_and_back = '["0 °C", "20 °C", "40 °C", "60 °C", "40 °C", "20 °C", "0 °C"]'
     path = simulated(tmp_path, SOAKS, {TEMPERATURES: there_and_back, '"auto"': "[3, 2, 1]"})
@@ -410,6 +416,7 @@ def test_the_uncertainty_of_a_lag_is_refused_where_nothing_weighs_it(tmp_path: P
         read(written(tmp_path / "ramp", SOAKS, ramp))
 
 
+@pytest.mark.slow
 def test_a_soak_at_another_temperature_than_recorded_is_named(tmp_path: Path):
     path = simulated(tmp_path, SOAKS)
     with np.load(tmp_path / "soaks.npz", allow_pickle=False) as stored:

@@ -76,6 +76,7 @@ def test_rows_of_few_digits_may_be_equal(folder: Path):
     assert "copies" not in calibrate(folder / "gyros.toml").verdict.warned
 
 
+@pytest.mark.slow
 def test_an_imu_in_rates_and_poses_is_consistent_and_reported(folder: Path, tmp_path: Path):
     outcome = calibrate(folder / "imu.toml")
     assert outcome.verdict.grade == "consistent"
@@ -87,6 +88,7 @@ def test_an_imu_in_rates_and_poses_is_consistent_and_reported(folder: Path, tmp_
     assert max(sd[f"a{a}.k1"] for a in "xyz") < 1e-4
 
 
+@pytest.mark.slow
 def test_one_term_that_is_left_out_is_named(folder: Path):
     stated = 'also = ["nonlinearity", "asymmetry"]\n'
     path = changed(folder / "gyros.toml", (stated, 'also = ["scale2", "asymmetry"]\n'))
@@ -119,6 +121,7 @@ def test_a_wrong_reading_is_named_with_its_row(folder: Path):
     assert outcome.verdict.suspect.name == "y +50 °/s"
 
 
+@pytest.mark.slow
 def test_the_plan_expects_what_the_table_gives(folder: Path):
     path = changed(
         folder / "gyros.toml",
@@ -130,6 +133,7 @@ def test_the_plan_expects_what_the_table_gives(folder: Path):
         assert found.uncertainty(name) == pytest.approx(sd, rel=0.05)  # δ of 17′ times a setting
 
 
+@pytest.mark.slow
 def test_a_recording_of_accelerometers_in_poses_needs_no_gyros(folder: Path):
     text = """[sensor.accelerometer]
 unit = "g"

@@ -53,6 +53,7 @@ def level(rows: Rows) -> Rows:
     return [row for row in rows if row[0] in ("XY", "YX", "ZY")]
 
 
+@pytest.mark.slow
 def test_the_example_gives_its_accelerometer(tmp_path: Path):
     outcome = calibrate(write_changed_example(tmp_path))
     calibration = outcome.calibration
@@ -90,6 +91,7 @@ def test_norm_estimators_name_the_free_directions(tmp_path: Path, estimator: str
     assert model.matrix == pytest.approx(np.eye(3), abs=0.05)
 
 
+@pytest.mark.slow
 def test_planar_states_alone_do_for_ship_planar(tmp_path: Path):
     name = ('name = "ship_multi_angle"', 'name = "ship_planar"')
     alone = calibrate(write_changed_example(tmp_path, name, rows=level)).calibration
@@ -209,6 +211,7 @@ def misnamed(old: str, new: str) -> Callable[[Rows], Rows]:
     return changed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("new", "names"),
     [
@@ -224,6 +227,7 @@ def test_a_wrong_mounting_is_the_suspect(tmp_path: Path, new: str, names: set[st
     assert {verdict.suspect.name, *verdict.suspect.indistinguishable} == names
 
 
+@pytest.mark.slow
 def test_the_angle_by_which_a_mounting_is_off_is_its_own(tmp_path: Path):
     suspect = calibrate(
         write_changed_example(tmp_path, rows=misnamed("XY 30", "XY -30"))
@@ -329,6 +333,7 @@ RECORDED = (
 )
 
 
+@pytest.mark.slow
 def test_a_recording_is_reduced_to_states(tmp_path: Path):
     write_changed_example(tmp_path, *RECORDED)
     found: list[float] = []

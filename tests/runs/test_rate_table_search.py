@@ -129,6 +129,7 @@ def test_values_out_of_place_are_one_line_and_status_two(
     assert not list(tmp_path.glob("*.json"))
 
 
+@pytest.mark.slow
 def test_one_seed_makes_one_result_and_is_stated(tmp_path: Path, estimated: Callable[..., Outcome]):
     first = estimated("global", "seed = 3")
     again, other = (estimate_with_search(tmp_path, "global", f"seed = {seed}") for seed in (3, 4))
@@ -140,6 +141,7 @@ def test_one_seed_makes_one_result_and_is_stated(tmp_path: Path, estimated: Call
     assert conditions["bounds of the search"] == "scale ±10 %, cross ±10 %, bias ±0.2 g"
 
 
+@pytest.mark.slow
 def test_the_goal_is_the_stated_one(tmp_path: Path):
     outcome = estimate_with_search(tmp_path, "global", 'goal = "0.01 %"')
     assert "goal of 0.01 %" in " ".join(outcome.verdict.statements)
@@ -147,6 +149,7 @@ def test_the_goal_is_the_stated_one(tmp_path: Path):
     assert outcome.search.goal_generation is None
 
 
+@pytest.mark.slow
 def test_progress_is_reported_after_each_generation_and_stored(tmp_path: Path):
     seen: list[Generation] = []
     outcome = calibrate(write_search_example(tmp_path, "global", "seed = 1"), seen.append)
@@ -160,6 +163,7 @@ def test_progress_is_reported_after_each_generation_and_stored(tmp_path: Path):
 # Its history in the report
 
 
+@pytest.mark.slow
 def test_only_a_search_has_its_history_drawn(tmp_path: Path, estimated: Callable[..., Outcome]):
     assert estimated("damped").search is None
     for estimator, search in (("global", "seed = 3"), ("damped", "")):
@@ -174,6 +178,7 @@ def test_only_a_search_has_its_history_drawn(tmp_path: Path, estimated: Callable
         assert "rates of the table" in text
 
 
+@pytest.mark.slow
 def test_the_history_has_the_goal_and_the_generation_that_met_it():
     went = tuple(Generation(k, 10.0 ** (-k / 10), 0.2 * 0.99**k) for k in range(1, 250))
     text = str(search_figure(SearchHistory(0.05, went)))
@@ -187,6 +192,7 @@ def test_the_history_has_the_goal_and_the_generation_that_met_it():
 # A stated frame
 
 
+@pytest.mark.slow
 def test_a_stated_frame_takes_the_place_of_what_norms_leave_free(
     tmp_path: Path, estimated: Callable[..., Outcome]
 ):

@@ -150,6 +150,7 @@ def test_a_wrong_rate_unit_of_a_recording_is_detected_by_the_norms(tmp_path: Pat
         calibrate(run)
 
 
+@pytest.mark.slow
 def test_what_is_written_is_whole_codes_and_keeps_its_names_when_corrected(tmp_path: Path):
     run = run_of(tmp_path, ('seconds = "15 s"', 'seconds = "6 s"'))
     made = simulate(run)

@@ -62,6 +62,7 @@ def test_states_are_a_table_of_rates_against_three_axes(tmp_path: Path):
     assert sum(row["turns"] != "0" for row in rows) == len(turning)
 
 
+@pytest.mark.slow
 def test_the_table_gives_the_calibration_of_its_recording(tmp_path: Path):
     run, outcome, _ = write_states_table(tmp_path)
     again = calibrate(tmp_path / "means.toml")
@@ -83,6 +84,7 @@ def test_a_table_of_means_leaves_no_states():
     assert not run.kind.tables(run, calibrate(run))
 
 
+@pytest.mark.slow
 def test_states_are_not_written_over_their_recording(tmp_path: Path):
     run, _, states = write_states_table(tmp_path)
     recording = run.file(run.data.file)
@@ -118,6 +120,7 @@ def test_invalid_deviations_are_refused(tmp_path: Path, column: str | None, cell
     assert place in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_stated_deviations_override_the_columns(tmp_path: Path):
     write_states_table(tmp_path)
     path = tmp_path / "means.toml"

@@ -97,6 +97,7 @@ def test_a_section_counts_in_memory_as_in_a_run_file(section: str, folder: Path)
     assert facts[0] != facts[1] or not same
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["dual_orthogonal", "ferraris", "rates_and_poses"])
 def test_nested_keys_count_in_memory_as_in_a_run_file(method: str, folder: Path):
     path, data, content = run_file(folder, Example(method))

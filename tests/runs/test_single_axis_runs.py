@@ -57,6 +57,7 @@ def test_the_record_player_of_a_public_report(reports_dir: Path):
     assert null == pytest.approx(2040, abs=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", [{}, {"data.gyro": "gyro_z"}])
 def test_the_noise_of_a_single_gyro(reports_dir: Path, stated: dict[str, str]):
     log = reports_dir / "08_one_gyro.csv"

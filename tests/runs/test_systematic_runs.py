@@ -50,6 +50,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("runs", [2, evidence(6)])
 def test_errors_are_as_large_as_stated_in_simulations_of_the_package(tmp_path: Path, runs: int):
     squares: list[float] = []
@@ -65,6 +66,7 @@ def test_errors_are_as_large_as_stated_in_simulations_of_the_package(tmp_path: P
     assert 0.7 < np.mean(squares) < 1.4
 
 
+@pytest.mark.slow
 def test_the_calibration_states_frame_lag_and_shared_errors(folder: Path, tmp_path: Path):
     outcome = calibrate(folder / "imu.toml")
     calibration = outcome.calibration
@@ -77,6 +79,7 @@ def test_the_calibration_states_frame_lag_and_shared_errors(folder: Path, tmp_pa
         assert words in page
 
 
+@pytest.mark.slow
 def test_the_path_has_nineteen_rests_and_level_turns(folder: Path):
     steps = systematic_path()
     assert len(steps) == 19
@@ -208,6 +211,7 @@ def test_clipped_readings_are_refused(tmp_path: Path):
         calibrate(path)
 
 
+@pytest.mark.slow
 def test_a_recording_of_another_path_is_named(folder: Path):
     other = ('path = "systematic"', 'path = "fast"')
     outcome = calibrate(run_file(folder, other, name="other.toml"))

@@ -56,6 +56,7 @@ def copy_example(folder: Path, changes: dict[str, str], table: str | None = None
     return folder / "soaks.toml"
 
 
+@pytest.mark.slow
 def test_the_example_recovers_the_truth_of_its_table(tmp_path: Path):
     outcome = calibrate(EXAMPLE / "soaks.toml")
     assert outcome.estimate.consistent
@@ -147,6 +148,7 @@ def recorded(folder: Path) -> tuple[Path, ferraris.Imu, thermal.TemperatureSensi
     return folder / "run.toml", device, warm
 
 
+@pytest.mark.slow
 def test_a_recording_of_soaks_is_calibrated_and_corrected_at_its_temperatures(tmp_path: Path):
     run, device, warm = recorded(tmp_path)
     outcome = calibrate(run)

@@ -42,6 +42,7 @@ def tumbled_soaks(folder: Path, order: str, more: str = "", shift: float = 0.0) 
     return path
 
 
+@pytest.mark.slow
 def test_a_tumble_over_soaks_finds_the_orders_that_it_has(tmp_path: Path):
     outcome = calibrate(tumbled_soaks(tmp_path, "[2, 0, 0]"))
     fit, found = outcome.temperature_fit, outcome.calibration
@@ -57,6 +58,7 @@ def test_an_order_that_the_method_has_only_in_part_is_refused(order: str, tmp_pa
         read(tumbled_soaks(tmp_path, order))
 
 
+@pytest.mark.slow
 def test_a_tumble_over_soaks_tests_its_orders_and_predicts_each_soak(tmp_path: Path):
     outcome = calibrate(tumbled_soaks(tmp_path, '"auto"'))
     fit = outcome.temperature_fit

@@ -110,6 +110,7 @@ def test_axes_on_a_turntable(tmp_path: Path, motions: turntable.Draw, which: str
     assert len(corrected.channels) == sum(calibration.sensor.rank(kind) for kind in ("f", "w"))
 
 
+@pytest.mark.slow
 def test_the_verb_calibrates_one_gyro(tmp_path: Path, motions: turntable.Draw):
     path, _ = write_run(tmp_path, motions, AXES["one gyro"])
     app(["calibrate", str(path), "--out", str(tmp_path / "out")], standalone_mode=False)

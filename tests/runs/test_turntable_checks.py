@@ -81,6 +81,7 @@ def inverse_exchange(way: SignedPermutation) -> SignedPermutation:
     return SignedPermutation(order, tuple(way.signs[k] for k in order))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("seed", [SEEDS[0], *map(evidence, SEEDS[1:])])
 def test_ordinary_runs_pass_without_a_finding(path: str, seed: int):
@@ -173,6 +174,7 @@ def test_angles_that_start_again_after_a_whole_turn_show_their_unit(
         assert f'table_unit = "{right}"' in str(refusal.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", FITTED)
 def test_factors_of_two_are_reported_with_their_device(path: str):
     track = draw_first_device(path)

@@ -90,6 +90,7 @@ def readback_on_own_clock(
     return stamps, angles + tt.Table().white * rng.standard_normal(angles.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("seed", DENSE_SEEDS)
 @pytest.mark.parametrize(
@@ -144,6 +145,7 @@ def test_a_table_that_never_turned_has_no_offset():
         align_readback(BENCH, time, rates, time, np.zeros((time.size, 3)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("seed", [SEEDS[0], *map(evidence, SEEDS[1:])])
 def test_runs_that_lost_nothing_raise_no_alarm(path: str, seed: int):
@@ -217,6 +219,7 @@ def test_a_gap_in_time_is_no_slip():
     assert find_dropped_samples(noticed, SENSOR, BENCH) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("size", [4_000, evidence(9_000)])
 def test_a_long_run_is_searched_piece_by_piece(

@@ -71,6 +71,7 @@ def nis(outcome: Outcome) -> list[float]:
     return [group.chi2 / group.dof for group in outcome.estimate.groups]
 
 
+@pytest.mark.slow
 def test_defaults_that_are_stated_change_no_bit(folder: Path, nominal: Outcome):
     stated = calibrate(with_keys(folder, DEFAULTS)).calibration
     assert stated.values.tobytes() == nominal.calibration.values.tobytes()
@@ -79,6 +80,7 @@ def test_defaults_that_are_stated_change_no_bit(folder: Path, nominal: Outcome):
     assert stated.conditions == nominal.calibration.conditions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("estimator", "keys"),
     [
@@ -93,6 +95,7 @@ def test_each_estimator_begins_with_its_own_defaults(folder: Path, estimator: st
     assert "filter keys changed" not in stated.conditions
 
 
+@pytest.mark.slow
 def test_a_larger_initial_deviation_of_scale_shows_where_data_do_not_dominate(
     folder: Path, nominal: Outcome
 ):
@@ -109,6 +112,7 @@ def test_a_larger_initial_deviation_of_scale_shows_where_data_do_not_dominate(
     assert 0.8 < ratios(narrow, nominal)[at] < 0.97
 
 
+@pytest.mark.slow
 def test_an_initial_deviation_below_what_data_give_is_refused(folder: Path):
     keys = {"initial": {"accelerometer_scale": "0.2 ppm"}}
     with pytest.raises(NotObserved) as refusal:
@@ -116,6 +120,7 @@ def test_an_initial_deviation_below_what_data_give_is_refused(folder: Path):
     assert {word[-2:] for text in refusal.value.directions for word in text.split()[-1:]} == {"k1"}
 
 
+@pytest.mark.slow
 def test_a_small_r_makes_the_innovations_large_and_the_verdict_says_so(tmp_path: Path):
     run = copy_run(tmp_path, RATE, ('noise = "0.5 ″"', 'noise = "10 ″"'))
     simulate_recording(run)
@@ -129,12 +134,14 @@ def test_a_small_r_makes_the_innovations_large_and_the_verdict_says_so(tmp_path:
     assert all(group.enlarged for group in small.estimate.groups)
 
 
+@pytest.mark.slow
 def test_a_large_r_of_velocity_makes_their_innovations_small(folder: Path, nominal: Outcome):
     loose = calibrate(with_keys(folder, {"velocity_sd": "10 mm/s"}))
     assert nis(loose)[1] < 0.6 < nis(nominal)[1]
     assert nis(loose)[0] == nis(nominal)[0]  # the gyros' filter has no velocity
 
 
+@pytest.mark.slow
 def test_the_epoch_is_the_time_between_observations(folder: Path, nominal: Outcome):
     gyros = nominal.estimate.courses[0]
     for epoch in (0.06, 0.2):
@@ -148,6 +155,7 @@ def test_the_epoch_is_the_time_between_observations(folder: Path, nominal: Outco
         assert ratios(other, nominal) == pytest.approx(1, abs=0.02)
 
 
+@pytest.mark.slow
 def test_states_are_as_the_keys_have_them(folder: Path):
     names: dict[str, set[str]] = {}
     drifts: dict[str, bool] = {}
@@ -171,6 +179,7 @@ def test_states_are_as_the_keys_have_them(folder: Path):
     assert drifts == {"whole": False, "lean": True, "exact": True}
 
 
+@pytest.mark.slow
 def test_the_sources_r_that_is_replaced_is_a_test_again(folder: Path):
     lines = [
         calibrate(with_keys(folder, keys, estimator="drift")).estimate.notes
@@ -184,6 +193,7 @@ def test_the_sources_r_that_is_replaced_is_a_test_again(folder: Path):
     assert untested == [2, 1, 0]
 
 
+@pytest.mark.slow
 def test_values_in_force_are_in_conditions_report_and_json(
     folder: Path, nominal: Outcome, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -258,6 +268,7 @@ def test_keys_of_what_is_not_estimated_are_refused(folder: Path, tmp_path: Path)
         with_keys(tmp_path, {"bias_drift": False})
 
 
+@pytest.mark.slow
 def test_the_plan_is_worked_out_with_the_keys(folder: Path):
     plain, loose = (
         turntable_path_sheet(with_keys(folder, keys)) for keys in ({}, {"readback_sd": "20 ″"})

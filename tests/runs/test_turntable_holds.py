@@ -70,6 +70,7 @@ def test_holds_are_those_that_the_column_numbers(tmp_path: Path):
     assert len(set(track.hold.tolist())) == 10
 
 
+@pytest.mark.slow
 def test_the_calibration_is_as_good_as_with_holds_that_are_sought(tmp_path: Path):
     run = simulate_recording(copy_run(tmp_path))
     stated = calibrate(run).estimate
@@ -90,6 +91,7 @@ def test_a_gap_within_a_hold_splits_it(tmp_path: Path):
     assert observe_track(run).hold.max() == 10 - 1
 
 
+@pytest.mark.slow
 def test_a_hold_of_less_than_a_second_is_no_step_but_is_followed(tmp_path: Path):
     def cut(number: np.ndarray) -> np.ndarray:
         at = np.flatnonzero(number == 3)

@@ -84,6 +84,7 @@ def test_the_truth_lies_within_u_about_19_times_in_20(tmp_path: Path):
     assert 0.75 < np.sqrt(np.mean(np.square(off))) < 1.15
 
 
+@pytest.mark.slow
 def test_steps_are_found_with_their_labels(tmp_path: Path, nominal_outcome: Outcome):
     run, outcome = copy_run(tmp_path), nominal_outcome
     assert outcome.observations.labels == tuple(step.label for step in run.steps)
@@ -104,6 +105,7 @@ def test_steps_are_found_with_their_labels(tmp_path: Path, nominal_outcome: Outc
     assert len(text) < 600_000
 
 
+@pytest.mark.slow
 def test_without_labels_the_plan_names_the_steps(tmp_path: Path):
     run = simulate_recording(copy_run(tmp_path, ('label = "step"\n', "")))
     labels = calibrate(run).observations.labels
@@ -118,6 +120,7 @@ def wrap_readback(made: Recording) -> Recording:
     return replace(made, readback={n: a % 360.0 for n, a in made.readback.items()})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "change"),
     [
@@ -140,6 +143,7 @@ def test_the_result_does_not_depend_on_how_the_readback_is_written(
     )
 
 
+@pytest.mark.slow
 def test_lost_samples_cost_little(tmp_path: Path):
     run = copy_run(tmp_path)
 
@@ -182,6 +186,7 @@ def test_a_first_rest_of_20_s_less_its_settling_is_accepted(folder: Path, second
     assert np.isfinite(coarse_bias(run.bench, track, triad_model(run.sensor, "f"))).all()
 
 
+@pytest.mark.slow
 def test_unobserved_directions_of_a_path_are_named(tmp_path: Path):
     path = path_with_labels("warm-up", "y up", "z down")
     refused_run(simulate_recording(copy_run(tmp_path, path=path)), "gyros", NotObserved)
@@ -248,6 +253,7 @@ def test_a_path_in_a_run_by_hand_is_refused(tmp_path: Path):
     assert "six_position" in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_a_plan_predicts_the_stated_uncertainties(tmp_path: Path, nominal_outcome: Outcome):
     run = copy_run(tmp_path)
     sheet = turntable_path_sheet(run)
@@ -280,6 +286,7 @@ def test_a_refusal_is_one_line_and_status_two(
     assert "tilt" in printed[0]
 
 
+@pytest.mark.slow
 def test_the_verbs_go_from_plan_to_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     run = copy_run(tmp_path)
 

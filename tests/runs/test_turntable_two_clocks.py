@@ -78,6 +78,7 @@ def text_recording_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_clock_offset_and_drift_are_estimated_and_reported(tmp_path: Path):
     run = simulate_files_of_run(
         copy_run(tmp_path, *NPZ, *STEADY),
@@ -99,6 +100,7 @@ def test_clock_offset_and_drift_are_estimated_and_reported(tmp_path: Path):
     assert len(outcome.calibration.provenance["readback sha256"]) == 64
 
 
+@pytest.mark.slow
 def test_lost_packets_are_gaps_that_a_finding_counts(tmp_path: Path, lossless_files: Files):
     sent = lossless_files["imu.npz"].time.size
     outcome = calibrate(write_files(copy_run(tmp_path, *NPZ), drop_packets(lossless_files)))
@@ -110,6 +112,7 @@ def test_lost_packets_are_gaps_that_a_finding_counts(tmp_path: Path, lossless_fi
     assert not any(finding.what == "slip" for finding in outcome.findings)
 
 
+@pytest.mark.slow
 def test_two_clocks_agree_with_one_clock(tmp_path: Path):
     """Within a part of the uncertainty: the noise of the readback is another, and packets miss."""
     for seed in range(2):
@@ -179,12 +182,14 @@ def test_of_an_independent_generator_errors_are_as_large_as_stated(tmp_path: Pat
     assert chi2.ppf(1e-3, freedom) < total < chi2.ppf(1 - 1e-3, freedom)
 
 
+@pytest.mark.slow
 def test_without_labels_the_plan_names_the_steps(tmp_path: Path):
     run = simulate_files_of_run(copy_run(tmp_path, *NPZ, ('label = "step"\n', "")))
     labels = calibrate(run).observations.labels
     assert labels == tuple(step.label for step in run.steps)
 
 
+@pytest.mark.slow
 def test_a_calibration_corrects_the_recording_alone(tmp_path: Path, lossless_files: Files):
     run = write_files(copy_run(tmp_path, *NPZ), drop_packets(lossless_files))
     corrected = apply(calibrate(run).calibration, run)
@@ -192,6 +197,7 @@ def test_a_calibration_corrects_the_recording_alone(tmp_path: Path, lossless_fil
     assert not corrected.readback
 
 
+@pytest.mark.slow
 def test_clocks_far_apart_need_their_offset_stated(tmp_path: Path):
     """Sensors count from when they are switched on, tables from a midnight."""
 
@@ -296,6 +302,7 @@ def test_columns_and_units_of_the_readback_are_named_as_in_one_file(
         calibrate(run)
 
 
+@pytest.mark.slow
 def test_a_file_of_the_readback_that_cannot_be_read_is_refused(tmp_path: Path):
     run = simulate_files_of_run(copy_run(tmp_path, NPZ[0]))
     table = run.file("table.csv")
@@ -346,6 +353,7 @@ def test_packets_twice_or_out_of_order_are_refused(
     assert "imu.npz: counter" in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_the_verbs_go_from_two_files_to_a_calibration(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):

@@ -53,6 +53,7 @@ def find_warning(outcome: Outcome, words: str) -> str:
     return found.message
 
 
+@pytest.mark.slow
 def test_gyros_may_stand_in_a_file_of_their_own(tmp_path: Path, example_recording: Recording):
     run = write_changed_example(
         tmp_path, example_recording, ('label = "step"', 'label = "step"\ngyro_file = "gyro.npz"')
@@ -91,6 +92,7 @@ def test_an_outer_readback_that_is_zero_elsewhere_is_an_azimuth(
     refused_run(run, names=("[bench] azimuth", "[bench] latitude"))
 
 
+@pytest.mark.slow
 def test_gravity_that_disagrees_with_the_latitude_is_reported(
     tmp_path: Path, example_recording: Recording
 ):
@@ -112,6 +114,7 @@ def test_bounds_of_the_bench(tmp_path: Path, old: str, new: str, key: str):
         copy_run(tmp_path, (old, new))
 
 
+@pytest.mark.slow
 def test_latency_far_from_its_stated_value_is_reported(
     tmp_path: Path, example_recording: Recording
 ):
@@ -127,6 +130,7 @@ def test_latency_far_from_its_stated_value_is_reported(
     assert said.endswith("[bench] latency")
 
 
+@pytest.mark.slow
 def test_lean_far_from_its_stated_value_is_reported(tmp_path: Path, nominal_outcome: Outcome):
     run = copy_run(tmp_path, ('lean = "5 ″"', 'lean = "30 ″"'))
     leant = apply_data_columns(run, simulate(run, 4))
@@ -135,6 +139,7 @@ def test_lean_far_from_its_stated_value_is_reported(tmp_path: Path, nominal_outc
     assert not any(f.what == "bench" for f in nominal_outcome.findings)
 
 
+@pytest.mark.slow
 def test_innovations_twice_as_large_as_stated_are_not_relied_on(
     tmp_path: Path, example_recording: Recording
 ):
@@ -149,6 +154,7 @@ def reverse_column(one: Recording, *names: str) -> Recording:
     return replace(one, data=one.data * sign, readback=said)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("names", "key", "stated"),
     [
@@ -177,6 +183,7 @@ def test_advice_on_columns_can_be_followed_to_the_letter(
     np.testing.assert_allclose(found, nominal_outcome.calibration.values, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_simulation_writes_reversed_columns_as_the_run_file_reads_them(tmp_path: Path):
     changes = ('["outer", ', '["-outer", '), ('["gx", ', '["-gx", ')
     run = copy_run(tmp_path, *changes)
@@ -258,6 +265,7 @@ def test_faulty_samples_are_identified_by_their_kind(
     refused_run(run, mention, **data)
 
 
+@pytest.mark.slow
 def test_an_outlying_reading_is_reported(tmp_path: Path, example_recording: Recording):
     outcome = calibrate(
         write_changed_example(tmp_path, example_recording, change=at_row("ax", 8.0))
@@ -266,6 +274,7 @@ def test_an_outlying_reading_is_reported(tmp_path: Path, example_recording: Reco
     assert (found.channel, found.start, found.stop) == ("ax", 5000, 5001)
 
 
+@pytest.mark.slow
 def test_a_repeating_readback_is_reported_once(tmp_path: Path, example_recording: Recording):
     def held(one: Recording) -> Recording:
         return with_readback(one, lambda _, a: np.repeat(a[::10], 10)[: a.size])
@@ -276,6 +285,7 @@ def test_a_repeating_readback_is_reported_once(tmp_path: Path, example_recording
     assert not any(f.what == "slip" for f in outcome.findings)
 
 
+@pytest.mark.slow
 def test_a_readback_that_is_rounded_or_zero_elsewhere_has_lost_nothing(
     tmp_path: Path, example_recording: Recording
 ):
@@ -290,6 +300,7 @@ def test_a_readback_that_is_rounded_or_zero_elsewhere_has_lost_nothing(
         assert not any(f.what == "slip" for f in outcome.findings)
 
 
+@pytest.mark.slow
 def test_a_declared_latency_is_removed_before_the_readback_is_checked(
     tmp_path: Path, example_recording: Recording
 ):
@@ -318,6 +329,7 @@ def replace_label(old: str, new: str) -> Callable[[Recording], Recording]:
     return change
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changes", [(), (('label = "step"\n', ""),)], ids=["labels", "none"])
 def test_a_recording_that_was_cut_lacks_steps_of_its_path(
     tmp_path: Path, example_recording: Recording, changes: tuple[Change, ...]
@@ -331,6 +343,7 @@ def test_a_recording_that_was_cut_lacks_steps_of_its_path(
     assert re.search(r"(x\+, )?x-, y\+, y-, z\+, z-(, rest| and 1 more)", said)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
@@ -355,6 +368,7 @@ def test_labels_missing_from_the_plan_are_reported(
     assert not any(f.what in ("label", "path") for f in nominal_outcome.findings)
 
 
+@pytest.mark.slow
 def test_accelerometers_a_fifth_too_large_are_asked_about(
     tmp_path: Path, example_recording: Recording
 ):
@@ -398,6 +412,7 @@ def test_rows_of_a_path_are_judged_in_their_own_units(tmp_path: Path, row: str, 
     assert mention in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_the_source_estimator_states_the_information_of_its_last_rest(
     tmp_path: Path, example_recording: Recording
 ):

@@ -23,6 +23,7 @@ def stated(noise: Noise) -> np.ndarray:
     return covariance[..., 0]
 
 
+@pytest.mark.slow
 def test_a_random_walk_has_the_covariance_of_its_earlier_time():
     noise = Noise(random_walk=0.3)
     drawn = np.cov(means(noise, 1).T)
@@ -30,6 +31,7 @@ def test_a_random_walk_has_the_covariance_of_its_earlier_time():
     np.testing.assert_allclose(drawn, stated(noise), rtol=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 3])
 def test_differences_of_flickering_means_have_the_stated_variance(seed: int):
     # Differences, because what is slower than the recording belongs to the bias.
@@ -41,6 +43,7 @@ def test_differences_of_flickering_means_have_the_stated_variance(seed: int):
             assert np.var(drawn[:, r] - drawn[:, s]) == pytest.approx(variance, rel=0.1)
 
 
+@pytest.mark.slow
 def test_flickering_means_have_no_more_than_the_stated_variance_and_most_of_it():
     noise = Noise(bias_instability=0.5)
     ratio = np.var(means(noise, 4), axis=0) / np.diag(stated(noise))

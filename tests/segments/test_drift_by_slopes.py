@@ -35,6 +35,7 @@ def counted(drift: float, sessions: int, seed: int) -> tuple[float, float, int]:
     return float(np.mean([one.nees for one in found])), beyond / total, len(quiet)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sessions", [10, evidence(24)])
 def test_a_session_without_a_drift_errs_as_stated(sessions: int):
     nees, _, quiet = counted(0.0, sessions, 3)

@@ -66,6 +66,7 @@ def test_a_lean_averages_out_over_whole_turns():
     assert np.abs(upright - leaning).max() < 2e-3 * PAPER_G / 8
 
 
+@pytest.mark.slow
 def test_noise_of_the_means_is_that_of_independent_samples():
     ratios: list[float] = []
     for seed in range(12):
@@ -96,6 +97,7 @@ def test_a_platform_that_turns_back_gives_the_curve_at_five_azimuths():
     assert np.linalg.norm(f, axis=1) == pytest.approx(np.hypot(a, 1), rel=1e-7)
 
 
+@pytest.mark.slow
 def test_rows_at_azimuths_scatter_as_stated():
     whitened: list[np.ndarray] = []
     exact = a_run(noise=0.0, locked=False)

@@ -7,7 +7,7 @@ from tests.accuracy.handheld import directions
 from tests.base_seeds import SEEDS
 
 from inercal.physics.sensors import imu
-from inercal.recordings.segments.hand_motion_noise import density_without_hand_motion
+from inercal.recordings.segments.section_noise import density_without_hand_motion
 
 Array = NDArray[np.float64]
 RATE, SECONDS, G = 100.0, 3.0, 9.81
@@ -43,6 +43,7 @@ def test_each_axis_noise_is_found_whatever_the_hand_does(seed: int, wobble: floa
     np.testing.assert_array_equal(found[3:, 3:], 10 * DENSITY[3:, 3:])
 
 
+@pytest.mark.slow
 def test_the_mean_of_many_axes_noise_is_unbiased():
     ratio = [
         np.trace(density_without_hand_motion(DENSITY, imu(), rests(seed, 1e-3, 0.0))[:3, :3])

@@ -142,6 +142,7 @@ def test_a_recording_may_begin_and_end_in_motion():
     assert_recovered(Made(recorded(session.recording.data[start:stop]), rests))
 
 
+@pytest.mark.slow
 def test_accelerometers_alone_find_the_rests():
     session = made()
     alone = recorded(session.recording.data[:, :3], TRIAD)
@@ -150,6 +151,7 @@ def test_accelerometers_alone_find_the_rests():
     assert [level.kind for level in found.levels] == ["f"]
 
 
+@pytest.mark.slow
 def test_columns_between_the_axes_and_their_order_in_memory_do_not_matter():
     session = made()
     data = session.recording.data

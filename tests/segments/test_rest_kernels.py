@@ -165,6 +165,7 @@ def test_a_sample_that_is_not_a_number_spoils_its_own_windows_only():
     assert np.isfinite(found[400:]).all()
 
 
+@pytest.mark.slow
 def test_the_kernels_are_the_same_when_not_compiled():
     code = """
 import numpy as np

@@ -89,6 +89,7 @@ def correlated() -> tuple[Array, Array, Observations]:
     )
 
 
+@pytest.mark.slow
 def test_white_noise_is_stated_as_its_covariance_over_the_number_of_samples(
     correlated: tuple[Array, Array, Observations],
 ):
@@ -115,6 +116,7 @@ def test_means_scatter_by_what_their_covariance_states(
     assert nees.mean() == pytest.approx(expected, abs=5 * expected * np.sqrt(2 / (3 * 3 * TRIALS)))
 
 
+@pytest.mark.slow
 def test_coloured_noise_is_stated_by_its_density_at_zero_frequency():
     # A first-order process with correlation 0.9 from sample to sample: 19 times white noise.
     white = noise(trials=(TRIALS,))

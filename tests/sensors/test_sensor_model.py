@@ -93,6 +93,7 @@ def test_tilted_form_turns_a_unit_axis_and_the_nonlinearity_with_it():
     assert_allclose(sensor.forward(MOTION, c)[:, 0], (1 + k1) * a + k2 * a**2, rtol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["reference", "tilted"])
 def test_design_and_slope_are_the_derivatives_of_forward(form: Form):
     # every coefficient of both tables at once, against central differences
@@ -154,6 +155,7 @@ def test_inverse_is_exact_at_40_g_with_a_scale_of_129_percent(form: Form, k2_per
     assert np.abs(back / f - 1).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_inverse_of_many_trials_and_many_chunks():
     sensor = imu().with_coefficients("bias", "scale", "misalignment", "g", "k2")
     c = np.stack([coefficients(sensor, seed) for seed in range(2)])

@@ -113,6 +113,7 @@ def test_a_server_that_is_not_there_is_refused_with_its_address_and_no_password(
     assert "refused" in message.lower()
 
 
+@pytest.mark.slow
 def test_a_server_without_that_database_says_so(database: str):
     name = database.partition("@/")[2].partition("?")[0]
     assert "does not exist" in refusal(database.replace(name, "none"))

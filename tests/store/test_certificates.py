@@ -104,6 +104,7 @@ def test_a_number_of_two_patterns_is_refused(filled: str, tmp_path: Path):
             register.issue_certificate(first, other, "2026-02-01")
 
 
+@pytest.mark.slow
 def test_a_backup_restores_everything_into_any_register(filled: str, tmp_path: Path, database: str):
     backup = tmp_path / "backup.db"
     rows = backup_register(filled, backup)
@@ -156,6 +157,7 @@ def test_a_damaged_certificate_is_not_backed_up(tmp_path: Path):
     assert not (tmp_path / "backup.db").exists()
 
 
+@pytest.mark.slow
 def test_the_verbs_say_what_they_wrote_and_write_over_nothing(tmp_path: Path):
     address, backup = str(tmp_path / "register.db"), tmp_path / "backup.db"
     with Register(address) as register:

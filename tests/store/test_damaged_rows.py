@@ -96,6 +96,7 @@ def test_a_damaged_document_is_named(sound: Path, tmp_path: Path, change: Callab
         assert "calibration #1" in error
 
 
+@pytest.mark.slow
 def test_a_note_that_nobody_reads_is_cut(sound: Path, tmp_path: Path):
     path = tmp_path / "r.db"
     shutil.copy(sound, path)

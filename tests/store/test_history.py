@@ -77,6 +77,7 @@ def test_the_drift_of_a_sensor_is_found_within_its_uncertainty(address: str, tmp
     assert whole.joint_test.p_value < 1e-6
 
 
+@pytest.mark.slow
 def test_a_slope_errs_by_what_it_states_and_steady_ones_are_called_so(
     register: Register, tmp_path: Path, seed: int
 ):

@@ -244,6 +244,7 @@ def test_a_kill_before_any_statement_of_a_write_leaves_all_or_nothing(
     assert len(outcomes) > 20
 
 
+@pytest.mark.slow
 def test_two_programs_enter_the_same_at_once_and_it_is_there_once(
     address: str, folder: Path, writers: Writers, other: Writers
 ):
@@ -260,6 +261,7 @@ def test_two_programs_enter_the_same_at_once_and_it_is_there_once(
         assert len(register.runs()) == FEW // 2
 
 
+@pytest.mark.slow
 def test_who_reads_sees_whole_calibrations_while_another_writes(
     address: str, folder: Path, writers: Writers
 ):

@@ -39,6 +39,7 @@ def entered(address: str, three: list[NoiseAnalysis]) -> None:
             register.enter_noise(one, "gyro 7", f"2026-0{month}-01")
 
 
+@pytest.mark.slow
 def test_analyses_are_read_back_as_they_were_entered(address: str, three: list[NoiseAnalysis]):
     entered(address, three)
     with Register(address) as register:
@@ -132,6 +133,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "log.csv"
 
 
+@pytest.mark.slow
 def test_the_verb_enters_an_analysis_and_the_history_shows_it(log: Path, tmp_path: Path):
     register = tmp_path / "register.db"
     options = ("--set", "sensor.gyro.unit=°/s", "--register", register, "--measured", "2026-03-01")
@@ -188,6 +190,7 @@ def test_what_the_register_cannot_take_is_refused_before_the_work(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_run_file_names_the_sensor(log: Path, tmp_path: Path):
     run_file, register = log.with_name("run.toml"), tmp_path / "register.db"
     run_file.write_text(
@@ -233,6 +236,7 @@ def test_show_states_the_newest_noise_with_its_date_and_u(
     assert [one["measured"][:10] for one in content["noise"]] == ["2026-01-01", "2026-03-01"]
 
 
+@pytest.mark.slow
 def test_a_sensor_without_calibrations_has_a_page_of_its_noise(
     tmp_path: Path, three: list[NoiseAnalysis]
 ):

@@ -193,6 +193,7 @@ NAMES = (
 )
 
 
+@pytest.mark.slow
 def test_names_of_all_kinds_come_back_as_they_were(address: str, tmp_path: Path):
     written = made()
     for name in NAMES:

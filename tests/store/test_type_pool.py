@@ -51,6 +51,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(folder / "register.db")
 
 
+@pytest.mark.slow
 def test_a_new_sensor_takes_its_first_interval_from_the_sensors_of_its_type(address: str):
     with Register(address) as register:
         history = register.history("NEW")
@@ -94,6 +95,7 @@ def test_without_its_type_a_new_sensor_has_no_interval(address: str):
     assert recalibration(history, {"ax.k0": "0.4 mg"}).years is None
 
 
+@pytest.mark.slow
 def test_a_sensor_that_scatters_more_than_its_type_is_not_pooled(address: str):
     with Register(address) as register:
         history = register.history("TWICE")

@@ -88,6 +88,7 @@ def screened_table() -> printed_tables.ScreenedTable:
     return printed_tables.repair_table(printed_tables.read_printed_table())
 
 
+@pytest.mark.slow
 def test_screening_restores_the_table(data_dir: Path, screened_table: printed_tables.ScreenedTable):
     path = data_dir / "centrifuge_table1" / "table1_corrected.csv"
     if not path.exists():
@@ -132,6 +133,7 @@ def test_a_robust_fit_with_fixed_threshold_rejects_sound_rows(
     assert printed_tables.count_falsely_rejected_rows(screened_table) in (32, 33)
 
 
+@pytest.mark.slow
 def test_verdicts_on_table_1(centrifuge_study: Study):
     assert list(verdicts(centrifuge_study, "table1").values()) == [
         "false",
@@ -144,6 +146,7 @@ def test_verdicts_on_table_1(centrifuge_study: Study):
 # Table 2 and the estimators
 
 
+@pytest.mark.slow
 def test_noise_free_errors(repeated_trials: simulated_centrifuge.CentrifugeTrials):
     paper, series, ml = (
         repeated_trials.noise_free[name] for name in simulated_centrifuge.ESTIMATORS
@@ -234,6 +237,7 @@ def ignored_misalignment() -> misalignment.IgnoredMisalignment:
     return misalignment.ignored_misalignment_errors()
 
 
+@pytest.mark.slow
 def test_errors_of_an_ignored_non_orthogonality(
     ignored_misalignment: misalignment.IgnoredMisalignment,
 ):

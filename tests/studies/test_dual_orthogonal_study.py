@@ -90,6 +90,7 @@ def test_method_errors_agree_with_the_table_of_the_note(
     assert found == pytest.approx(list(TABLE[method]), rel=0.06)
 
 
+@pytest.mark.slow
 def test_monte_carlo_errors_are_those_of_other_seeds():
     trials, seeds = 60, 30
     found = [rms(method_errors(EVERY_FACE, trials, seed)["K0"]) for seed in range(seeds)]

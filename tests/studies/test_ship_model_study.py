@@ -165,6 +165,7 @@ def test_pitch_is_bow_down_and_roll_to_starboard():
     assert rolled == pytest.approx([0, G0 * np.sin(0.1), G0 * np.cos(0.1)])
 
 
+@pytest.mark.slow
 def test_irregular_motion_has_its_significant_amplitude():
     t = np.arange(0, 4000, 0.1)
     z = motion_derivatives(OscillationParameters(0.04, 1.6), t, 5)

@@ -78,6 +78,7 @@ def html(centrifuge_study: Study, tmp_path_factory: pytest.TempPathFactory) -> s
     return path.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_page_has_every_section_table_chart_and_finding(centrifuge_study: Study, html: str):
     for section in centrifuge_study.sections:
         assert f'<section id="{section.name}">' in html

@@ -80,6 +80,7 @@ def follow_cells(name: str, folder: Path, every: int = 1) -> int:
     return count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", chosen(RUN_FILES, ONE_OF_EACH))
 def test_advice_on_an_example_is_kept(name: str, tmp_path: Path):
     folder = tmp_path / "example"
@@ -87,6 +88,7 @@ def test_advice_on_an_example_is_kept(name: str, tmp_path: Path):
     kept_advice(folder / Path(name).name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", QUICK)
 def test_advice_on_some_violations_is_kept(name: str, tmp_path: Path):
     assert follow_cells(name, tmp_path, every=4) > 0
@@ -123,6 +125,7 @@ def test_advice_on_a_reported_input_is_kept(name: str, tmp_path: Path):
 STATED, COMPUTED = 'gravity = "9.80123 m/s² ± 0.1 mm/s²"', 'height = "500 m"'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "size", "gravity", "value"),
     [

@@ -81,6 +81,7 @@ def cubic(y: Array, w: Array, setting: Settings) -> None:
     y += 2e-7 * w**3
 
 
+@pytest.mark.slow
 def test_biases_that_differ_between_settings_are_named_turn_on():
     found = [platform(seed, change=switched).verdict for seed in range(2)]
     assert [one.suspect and one.suspect.name.partition("[")[0] for one in found] == ["turn_on"] * 2
@@ -89,6 +90,7 @@ def test_biases_that_differ_between_settings_are_named_turn_on():
         assert [(c.section, c.key) for c in advice.changes] == [("bench", "turn_on")]
 
 
+@pytest.mark.slow
 def test_a_wrong_latitude_is_named_and_not_a_sensitivity_to_acceleration():
     names = [platform(seed, latitude=60.0).verdict.suspect for seed in range(2)]
     assert [one and one.name for one in names] == ["latitude"] * 2
@@ -119,6 +121,7 @@ def test_causes_that_are_no_candidates_have_no_name_but_what_they_leave(
     assert not any(reason.startswith("the residuals point to") for reason in verdict.reasons)
 
 
+@pytest.mark.slow
 def test_a_cubic_scale_is_recommended_only_where_the_rates_determine_it():
     several, one = platform(5, change=cubic), platform(5, change=cubic, speeds=(0.0, 50.0))
     assert [given.coefficients for given in several.verdict.advice] == [("scale3",)]
@@ -213,6 +216,7 @@ def switched_between_sections(seed: int, folder: Path) -> Outcome:
     return inercal.calibrate(folder / "run.toml")
 
 
+@pytest.mark.slow
 def test_gyros_that_were_switched_on_anew_before_each_section_are_named(tmp_path: Path):
     for seed in range(2):
         verdict = switched_between_sections(seed, tmp_path).verdict
@@ -251,6 +255,7 @@ def test_a_sensitivity_to_the_square_of_acceleration_is_named_beside_g():
     assert "gx.g_ip" in suspect.components
 
 
+@pytest.mark.slow
 def test_a_session_by_hand_tests_gravity_latitude_and_clock_as_stated():
     kinds = {one.name: one for one in hand_held(lambda data: None, 2).score_tests.scores}
     assert {"g", "timebase", "latitude", "g_ii"} <= set(kinds)

@@ -95,6 +95,7 @@ def band(draws: int, p: float = P) -> float:
     return float(stats.norm.isf(0.0005) * np.sqrt(p * (1 - p) / draws))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [3, 10])
 def test_a_new_sensor_lies_within_u_in_95_percent_of_a_small_sample(n: int):
     assert coverage(n, 2.0, 0.0, 60, 1) > P - band(60)

@@ -49,6 +49,7 @@ def test_the_tables_of_the_example_are_those_of_the_independent_generator():
         assert (FOLDER / name).read_text(encoding="utf-8") == table_text(*table)
 
 
+@pytest.mark.slow
 def test_the_prior_of_the_example_is_what_the_verb_writes(example: Path, tmp_path: Path):
     out = tmp_path / "QA.prior.toml"
     ended = run_program("prior", *files(example), "--out", out)

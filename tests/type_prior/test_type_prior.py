@@ -99,6 +99,7 @@ def test_an_outlying_sensor_is_named_but_used():
     assert coefficient(rest, "kip").sd < 0.5 * coefficient(found, "kip").sd
 
 
+@pytest.mark.slow
 def test_false_alarms_are_as_rare_as_stated():
     rng = np.random.default_rng(11)
     draws = 60
@@ -118,6 +119,7 @@ def test_the_covariance_of_two_axes_has_the_mean_in_common():
     assert both == pytest.approx(one.sd**2 * np.array([[1, one.mean_share], [one.mean_share, 1]]))
 
 
+@pytest.mark.slow
 def test_every_covariance_is_positive_definite():
     rng = np.random.default_rng(8)
     for n in (3, 4, 8):
@@ -183,6 +185,7 @@ def test_mounting_angles_and_the_scale_of_another_form_are_refused():
         type_prior({**given, "2": replace(given["2"], sensor=sensor)}, ["k1"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [3, evidence(5)])
 def test_a_new_sensor_lies_within_u_as_often_as_stated_in_a_small_sample(n: int):
     draws = 40

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from tests.base_seeds import sampled
 
-from inercal.estimation.uncertainty.control_charts import chart_limits, chart_values
-from inercal.estimation.uncertainty.cusum import (
+from inercal.estimation.uncertainty.control_charts import (
     chart_limit,
+    chart_limits,
+    chart_values,
     cusum_limit,
     cusum_run_length,
     cusum_sums,
@@ -91,6 +92,7 @@ def test_charts_signal_where_the_statistics_of_the_textbook_do():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "runs"), sampled(150, 400))
 def test_the_error_of_the_reference_does_not_average_in_the_charts(seed: int, runs: int):
     """The error of the mean of m points is common to all later points: w keeps all of it."""
@@ -127,6 +129,7 @@ def test_cusum_run_lengths_are_those_of_the_table():
     assert cusum_limit(370.4) == pytest.approx(4.774, abs=0.005)
 
 
+@pytest.mark.slow
 def test_a_cusum_limit_grows_with_the_run_length_and_with_few_degrees_of_freedom():
     limits = [cusum_limit(length) for length in (50.0, 370.0, 1e4, 1e6)]
     assert limits == sorted(limits)

@@ -50,6 +50,7 @@ def test_naive_intervals_of_correlated_noise_do_not_cover():
     assert np.mean(np.abs(samples.mean(axis=1)) < naive) < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phi", [0.0, 0.5])
 def test_covariance_of_the_channels_is_unbiased(phi: float):
     n, trials = 2000, 2000
@@ -68,6 +69,7 @@ def test_independent_samples_in_batches_of_one_are_the_gum():
     assert_allclose(covariance, np.cov(samples.T) / 15, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_pooled_sections_share_their_noise_by_length():
     rng = np.random.default_rng(9)
     lengths = [400, 1000, 3000]

@@ -1,10 +1,20 @@
-"""Set up the processes of the program itself; importing inercal does not change other programs."""
+"""Set up the processes of the program itself; importing inercal does not change other programs.
+
+A function whose matrices are small can limit linear algebra to one thread. A second thread would
+mostly wait, and it uses processor time while it waits.
+"""
 
 import atexit
 import ctypes
 import gc
+import os
 import sys
 import warnings
+from collections.abc import Callable
+from functools import wraps
+from getpass import getuser
+from importlib import import_module
+from typing import Any, ParamSpec, TypeVar
 
 # Python searches for unreachable cycles after this number of new objects, by default 700 or 2000.
 # Compiling kernels creates millions of objects, nearly all of them reachable, and the search takes
@@ -43,3 +53,34 @@ def _search_more_often(phase: str, _: dict[str, int]) -> None:
     if phase == "stop" and _search_more_often in gc.callbacks:
         gc.callbacks.remove(_search_more_often)
         gc.set_threshold(_OBJECTS)
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+_CHOSEN = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def with_one_thread(function: Callable[P, R]) -> Callable[P, R]:
+    """Return a version of the function during which linear algebra uses one thread.
+
+    If an environment variable sets the number of threads, the user's choice is respected.
+    """
+
+    @wraps(function)
+    def limited(*args: P.args, **options: P.kwargs) -> R:
+        if any(name in os.environ for name in _CHOSEN):
+            return function(*args, **options)
+        import_module("scipy.linalg")  # its library would start its own threads
+        threads: Any = import_module("threadpoolctl")
+        with threads.threadpool_limits(limits=1, user_api="blas"):
+            return function(*args, **options)
+
+    return limited
+
+
+def user_name() -> str:
+    """Return the user's login name, or the user number if there is no name."""
+    try:
+        return getuser()
+    except (ImportError, KeyError, OSError):  # there may be no name in a container
+        return f"user {os.getuid()}" if hasattr(os, "getuid") else "unknown"

@@ -44,7 +44,7 @@ from inercal.estimation.scores import (
     ScoreTestSet,
     remaining_p_value,
 )
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 
 _MOST_ROWS = 2  # largest number of other rows that are named
 CHANGE_PREFIX = "change "  # start of the name of a candidate for a change within one row

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
-from inercal.calibration.corrected_motion import CorrectedMotion, checked_readings, corrected_motion
 from inercal.calibration.forms import (
     ConvertedCoefficients,
     Frame,
@@ -20,7 +19,13 @@ from inercal.calibration.forms import (
 )
 from inercal.calibration.grade import Verdict
 from inercal.calibration.shared_errors import BenchEstimate, SharedErrors, transform_shared
-from inercal.calibration.validity import Validity, checked_temperatures
+from inercal.calibration.validity import (
+    CorrectedMotion,
+    Validity,
+    checked_readings,
+    checked_temperatures,
+    corrected_motion,
+)
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Form, Sensor

@@ -17,9 +17,13 @@ be larger.
 
 Source: Baarda 1968, A testing procedure for use in geodetic networks, Netherlands Geodetic
 Commission (external reliability).
+
+If a plan leaves few or no degrees of freedom, a wrong reading shows in no residual, but the terms
+beyond bias, scale factor and misalignment become large. In healthy MEMS sensors, these terms change
+the reading by at most 0.2 % of 1 g or 1 rad/s, at 1 g or 1 rad/s. The limit is ten times as large.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import nan, sqrt
 
@@ -28,9 +32,11 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
+from inercal.basics.units import format_value_and_uncertainty
 from inercal.estimation import Estimate, ScoreTest
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import TERMS, ErrorTerm
+from inercal.recordings import Finding
 
 CRITICAL_SHIFT, DETECTABLE_NORM = 5.0, 7.0  # shift in u, and limit of η at this shift
 _UNSCORED_NORM = 3.0  # a candidate with a smaller η at its largest plausible size is not scored
@@ -157,3 +163,22 @@ def _undetected_sizes(score: ScoreTest, moved: float, sensor: Sensor) -> list[fl
     if not score.dof:
         size = [coefficient_definition(sensor, full).largest for full in score.components]
     return [CRITICAL_SHIFT * one / moved for one in size]
+
+
+_GROUPS = ("nonlinearity", "asymmetry", "cross", "g", "g2")
+_LARGEST = 0.02  # of the natural size
+_SIGMAS = 6.0  # standard deviations by which a coefficient must exceed the limit
+
+
+def implausible_sizes(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
+    """Yield a warning for each implausibly large coefficient of an estimate without trial axis."""
+    sds = np.sqrt(np.diag(estimate.covariance)).tolist()
+    for name, value, sd in zip(sensor.coefficients, estimate.value.tolist(), sds, strict=False):
+        line = sensor.coefficient(name)
+        if line.group in _GROUPS and abs(value) > _LARGEST * line.unit_scale + _SIGMAS * sd:
+            size = f"{format_value_and_uncertainty(value / line.si, sd / line.si)[0]} {line.unit}"
+            yield Finding(
+                "warning",
+                "size",
+                f"{name} is {size}, implausibly large; look for a wrong reading",
+            )

@@ -1,18 +1,24 @@
-"""Show a calibration as a table: as text, HTML for notebooks, LaTeX, or a pandas DataFrame."""
+"""Show a calibration as a table: as text, HTML for notebooks, LaTeX, or a pandas DataFrame.
+
+Its coefficients are also evaluated as functions of temperature, k(T) = Σ_j c_j ΔT^j, with their
+uncertainty. A curve combines the terms of an axis whose basis functions differ only in the power of
+ΔT. For the bias, these are `k0`, `k0_dT`, `k0_dT2` and `k0_dT3`.
+"""
 
 import re
 from html import escape
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from inercal.basics.arrays import Array
 from inercal.basics.errors import require_extra
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_value_and_uncertainty
-from inercal.estimation.uncertainty.coverage import COVERAGE
-
-if TYPE_CHECKING:
-    from inercal.calibration import Calibration
+from inercal.calibration import Calibration
+from inercal.calibration.validity import require_inside
+from inercal.estimation.uncertainty import COVERAGE
+from inercal.physics.sensors.coefficient_tables import TABLES
 
 _HEADINGS = ("coefficient", "meaning", "value", f"U (k = {COVERAGE:g})", "unit")
 _LATEX_CHARACTERS = {
@@ -60,7 +66,7 @@ class CoefficientLine(NamedTuple):
         return CoefficientName(self.name).axis
 
 
-def coefficient_lines(calibration: "Calibration") -> tuple[CoefficientLine, ...]:
+def coefficient_lines(calibration: Calibration) -> tuple[CoefficientLine, ...]:
     """Return the coefficients for printing, in the units of the coefficient table."""
     lines: list[CoefficientLine] = []
     for name, value, std in zip(
@@ -74,13 +80,13 @@ def coefficient_lines(calibration: "Calibration") -> tuple[CoefficientLine, ...]
     return tuple(lines)
 
 
-def title(calibration: "Calibration") -> str:
+def title(calibration: Calibration) -> str:
     """Return a line with the name of the sensor, the method and the estimator."""
     way = ", ".join(text for text in (calibration.method, calibration.estimator) if text)
     return f"{calibration.sensor.name}: {way}" if way else calibration.sensor.name
 
 
-def to_html(calibration: "Calibration") -> str:
+def to_html(calibration: Calibration) -> str:
     """Return the table and the verdict as HTML without styles; without a verdict, the notes."""
     head = "".join(f"<th>{escape(text)}</th>" for text in _HEADINGS)
     rows = "".join(
@@ -97,7 +103,7 @@ def to_html(calibration: "Calibration") -> str:
     )
 
 
-def to_latex(calibration: "Calibration") -> str:
+def to_latex(calibration: Calibration) -> str:
     """Return the table as a LaTeX tabular with rules of the package booktabs."""
 
     def row(cells: tuple[str, ...]) -> str:
@@ -124,7 +130,7 @@ def _latex(text: str) -> str:
     return _LATEX_PATTERN.sub(lambda found: _LATEX_CHARACTERS[found[0]], text)
 
 
-def to_dataframe(calibration: "Calibration") -> Any:
+def to_dataframe(calibration: Calibration) -> Any:
     """Return a DataFrame with the value, u (k = 1) and U (k = 2) of each coefficient.
 
     Raises
@@ -146,3 +152,71 @@ def to_dataframe(calibration: "Calibration") -> Any:
         },
         index=pd.Index([line.name for line in lines], name="coefficient"),
     )
+
+
+class TemperatureCurve(NamedTuple):
+    """A coefficient of an axis at n temperatures.
+
+    Parameters
+    ----------
+    name : str
+        Full name, such as "ax.k0".
+    meaning, unit : str
+        Meaning and unit from the table of coefficients.
+    si : float
+        Size of the unit in SI units.
+    value, std : (n,) arrays
+        Values and standard uncertainties (k = 1), SI.
+    complete : bool
+        Whether the term of order 0 was estimated. If not, the values are changes relative to the
+        reference temperature.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    si: float
+    value: Array
+    std: Array
+    complete: bool
+
+
+def temperature_curves(calibration: Calibration, kelvin: Array) -> tuple[TemperatureCurve, ...]:
+    """Return the temperature-dependent coefficients at some temperatures, (n,), in K.
+
+    Raises
+    ------
+    InputError
+        If a temperature is more than a kelvin outside the range of the calibration's data.
+    """
+    require_inside(calibration.sensor, calibration.validity, kelvin, "give one in this range")
+    sensor = calibration.sensor
+    dT = kelvin - sensor.reference_temperature
+    found: list[TemperatureCurve] = []
+    for axis in sensor.axes:
+        own = [n for n in sensor.coefficients if CoefficientName(n).axis == axis.name]
+        terms = {n: sensor.coefficient(n) for n in own}
+        warm = [one.without_temperature for one in terms.values() if one.temperature_order]
+        for base in dict.fromkeys(warm):
+            line = next(
+                one
+                for one in TABLES[axis.measures]
+                if one.without_temperature == base and not one.temperature_order
+            )
+            by = np.zeros((kelvin.size, len(sensor.coefficients)))
+            for name, one in terms.items():
+                if one.without_temperature == base:
+                    by[:, sensor.coefficients.index(name)] = dT**one.temperature_order
+            variance = np.einsum("ni,ij,nj->n", by, calibration.covariance, by)
+            found.append(
+                TemperatureCurve(
+                    f"{axis.name}.{line.name}",
+                    line.meaning,
+                    line.unit,
+                    line.si,
+                    by @ calibration.values,
+                    np.sqrt(np.maximum(variance, 0.0)),
+                    f"{axis.name}.{line.name}" in own,
+                )
+            )
+    return tuple(found)

@@ -12,7 +12,7 @@ the other keys. Unknown fields are omitted.
 import hashlib
 import json
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import lru_cache
 from math import inf
 from pathlib import Path
@@ -319,3 +319,21 @@ def _sensor(described: bytes, coefficients: tuple[tuple[str, str], ...]) -> Sens
                 names=(name,),
             )
     return sensor
+
+
+OUTDATED = "outdated"
+"""Key in `Calibration.provenance`; its text states the reason."""
+
+
+def marked_as_outdated(calibration: Calibration, reason: str) -> Calibration:
+    """Return the calibration with a note in its provenance that says why a new one may be needed.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    reason : str
+        Reason in words. If it is empty, the calibration is returned unchanged.
+    """
+    if not reason:
+        return calibration
+    return replace(calibration, provenance={**calibration.provenance, OUTDATED: reason})

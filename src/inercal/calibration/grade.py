@@ -35,7 +35,6 @@ import numpy as np
 from inercal.basics.keys import PRIOR_OF
 from inercal.basics.run_file_advice import Advice
 from inercal.basics.units import format_value_and_uncertainty
-from inercal.calibration.additions import Addition
 from inercal.calibration.best_cause import (
     CHANGE_PREFIX,
     OutlierRow,
@@ -45,7 +44,7 @@ from inercal.calibration.best_cause import (
     find_outlier_row,
 )
 from inercal.calibration.detectability import UndetectableCause
-from inercal.calibration.explanation import ExplanationSection, fit
+from inercal.calibration.explanation import Addition, ExplanationSection, fit
 from inercal.estimation import Estimate
 from inercal.estimation.scores import (
     SCORE_TEST_SHARE,
@@ -54,7 +53,7 @@ from inercal.estimation.scores import (
     chi2_tail_probability,
 )
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.coefficient_words import coefficient_words
+from inercal.physics.sensors.coefficient_selection import coefficient_words
 from inercal.recordings import Finding, RoundedChannel
 
 Grade = Literal["consistent", "reservations", "unreliable"]

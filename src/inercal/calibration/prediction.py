@@ -35,12 +35,12 @@ from inercal.basics.units import ZERO_CELSIUS, si_factor
 from inercal.calibration import Calibration
 from inercal.calibration.detectability import UndetectableCause, coefficient_definition
 from inercal.calibration.validity import READING_MARGIN, TEMPERATURE_MARGIN, distance_outside
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.magnetism import heading_gradient
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors import TABLES, Sensor, inverse
-from inercal.physics.sensors.coefficient_words import GROUP_WORDS, coefficient_words
+from inercal.physics.sensors.coefficient_selection import GROUP_WORDS, coefficient_words
 
 OWN_ERRORS = "noise and errors of this run only"
 SHOWN: Mapping[str, tuple[str, float]] = {

@@ -25,6 +25,7 @@ from inercal.basics.documents import read_document, record_object
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration.grade import Verdict
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.estimation.uncertainty.conformity import (
     RESULTS,
     DecisionRule,
@@ -34,7 +35,6 @@ from inercal.estimation.uncertainty.conformity import (
     joint_conformance_probability,
     judge,
 )
-from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 

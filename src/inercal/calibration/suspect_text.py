@@ -18,7 +18,7 @@ from inercal.calibration.explanation import first_fit
 from inercal.calibration.grade import Assessment, row_words, two_digits
 from inercal.estimation.scores import HYSTERESIS, CandidateKind, ScoreTestSet
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.coefficient_words import coefficient_words
+from inercal.physics.sensors.coefficient_selection import coefficient_words
 
 _MIN_PROBABILITY = 1e-99  # smallest printed probability
 _DISPLAY_UNITS = {

@@ -22,6 +22,7 @@ from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, PlainAdvisor,
 from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,
+    implausible_sizes,
     undetectable_causes,
     undetectable_exact_parameters,
 )
@@ -41,7 +42,6 @@ from inercal.calibration.grade import (
     is_far_from_nominal,
     two_digits,
 )
-from inercal.calibration.plausible_sizes import implausible_sizes
 from inercal.calibration.suspect_text import (
     alternatives,
     bench_words,
@@ -51,10 +51,10 @@ from inercal.calibration.suspect_text import (
 )
 from inercal.estimation import Estimate
 from inercal.estimation.scores import HYSTERESIS, SIGNIFICANCE_LEVEL
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
-from inercal.physics.sensors.coefficient_words import GROUP_WORDS, axis_words, coefficient_words
+from inercal.physics.sensors.coefficient_selection import GROUP_WORDS, axis_words, coefficient_words
 from inercal.recordings import Finding, merge_messages
 
 _DRIFT_PREFIX = "drift of "  # followed by the axis
@@ -485,7 +485,7 @@ def _uncertainty_line(largest: Sequence[_Uncertainty]) -> str:
         parts = [f"{group} {', '.join(each)}" for group, each in groups.items()]
         text = f"Largest U (k = 2): {'; '.join(parts)}."
         if len(text) <= MOST_CHARACTERS or not count:
-            return fit_list("Largest U (k = 2): ", parts, separator="; ") if parts else ""
+            return fit_list("Largest U (k = 2): ", parts, "; ") if parts else ""
     return ""
 
 

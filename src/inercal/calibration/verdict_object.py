@@ -8,10 +8,9 @@ from pydantic import Field
 from inercal.basics.documents import Count, Measured, Positive, Record, attributes, record_object
 from inercal.basics.errors import InputError
 from inercal.basics.run_file_advice import Advice, Change
-from inercal.calibration.additions import Addition
 from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.detectability import UndetectableCause
-from inercal.calibration.explanation import NOTES, UNCERTAINTIES, ExplanationSection, fit
+from inercal.calibration.explanation import NOTES, UNCERTAINTIES, Addition, ExplanationSection, fit
 from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, NoiseFactor, Verdict
 from inercal.estimation.scores import CandidateKind
 from inercal.recordings import RoundedChannel
@@ -186,7 +185,7 @@ def recorded_verdict(record: VerdictRecord, notes: tuple[str, ...]) -> Verdict:
     states_best = "best_cause" in record.model_fields_set
     word = GRADE_WORDS[record.grade].capitalize()
     lines = record.lines or [fit(": ".join((word, *record.reasons[:1])))]
-    sections = [ExplanationSection(one.heading, tuple(one.lines)) for one in record.explanation]
+    sections = [ExplanationSection(**_frozen(one)) for one in record.explanation]
     if not sections:
         largest = tuple(one for one in notes if one.startswith(_LARGEST))
         others = tuple(one for one in notes if one not in largest)
@@ -211,23 +210,20 @@ def recorded_verdict(record: VerdictRecord, notes: tuple[str, ...]) -> Verdict:
         record.scatter,
         tuple(NoiseFactor(**vars(one)) for one in record.noise),
         tuple(RoundedChannel(**vars(one)) for one in record.rounding or ()),
-        tuple(
-            Addition(
-                one.group,
-                tuple(one.coefficients),
-                one.chi2_before,
-                one.dof_before,
-                one.chi2_after,
-                one.dof_after,
-                tuple(one.indistinguishable),
-            )
-            for one in record.additions
-        ),
+        tuple(Addition(**_frozen(one)) for one in record.additions),
         tuple(warned),
         None
         if record.undetectable is None
         else tuple(UndetectableCause(**vars(one)) for one in record.undetectable),
     )
+
+
+def _frozen(one: Record) -> dict[str, Any]:
+    """Return the fields of a record, with tuples instead of lists."""
+    return {
+        name: tuple(cast("list[Any]", of)) if isinstance(of, list) else of
+        for name, of in vars(one).items()
+    }
 
 
 def _recorded_cause(one: _Cause | None) -> SuspectedCause | None:

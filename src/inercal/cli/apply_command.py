@@ -11,7 +11,7 @@ import typer
 
 from inercal.basics.errors import InercalError, InputError
 from inercal.cli.console import print_json, print_lines, progress_status, report_line
-from inercal.cli.options import Force, Json
+from inercal.cli.options import Force, Json, flag, out_option
 from inercal.cli.outputs import RECORDING, check_outputs
 
 if TYPE_CHECKING:
@@ -27,12 +27,9 @@ def run(
     run_file: Path = typer.Argument(
         help="The run file whose \\[data] names the recording and its columns."
     ),
-    out: Path | None = typer.Option(
-        None,
-        "--out",
-        "-o",
-        help="What to write, required without --stream: a .csv, .npz or .parquet file, an .mcap "
-        "file with messages of ROS 2, or a new folder (a name without a suffix) for a ROS 2 bag.",
+    out: Path | None = out_option(
+        "What to write, required without --stream: a .csv, .npz or .parquet file, an .mcap "
+        "file with messages of ROS 2, or a new folder (a name without a suffix) for a ROS 2 bag."
     ),
     stream: str | None = typer.Option(
         None,
@@ -53,10 +50,9 @@ def run(
     frame_id: str | None = typer.Option(
         None, help="The frame that messages of ROS 2 name (default: imu_link)."
     ),
-    extrapolate: bool = typer.Option(
-        False,
+    extrapolate: bool = flag(
         "--extrapolate",
-        help="Also correct samples outside the calibration's temperature range, and mark them.",
+        "Also correct samples outside the calibration's temperature range, and mark them.",
     ),
     force: Force = False,
     json: Json = False,

@@ -12,7 +12,15 @@ import typer
 from inercal.basics.errors import InputError, require_extra
 from inercal.cli import console
 from inercal.cli.device_commands import TABLE_HELP, check_driver, devices
-from inercal.cli.options import Explain, Json, assignments, positive_number, run_options
+from inercal.cli.options import (
+    Explain,
+    Json,
+    assignments,
+    flag,
+    out_option,
+    positive_number,
+    run_options,
+)
 
 if TYPE_CHECKING:
     from inercal.host.journal import Journal
@@ -60,16 +68,11 @@ _IMU_HELP = "serial:/dev/ttyUSB0?preset=xsens&baud=921600 or tcp://HOST:PORT?pre
 @app.command()
 def run(
     run_file: _RunFile,
-    table: Annotated[str, typer.Option(help=f"Address of the table: {TABLE_HELP}")],
-    imu: Annotated[str, typer.Option(help=f"Address of the IMU: {_IMU_HELP}")],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", help="New folder for the run; by default it is named after the time."
-        ),
-    ] = None,
+    table: str = typer.Option(help=f"Address of the table: {TABLE_HELP}"),
+    imu: str = typer.Option(help=f"Address of the IMU: {_IMU_HELP}"),
+    out: Path | None = out_option("New folder for the run; by default it is named after the time."),
     also_imu: _AlsoImu = None,
-    chamber: Annotated[str, typer.Option(help=_CHAMBER_HELP)] = "",
+    chamber: str = typer.Option("", help=_CHAMBER_HELP),
     clock: _Clock = "",
     speed: _Speed = None,
     patience: _Patience = 120.0,
@@ -104,11 +107,11 @@ def run(
 
 @app.command()
 def resume(
-    folder: Annotated[Path, typer.Argument(help="The folder of a run that was interrupted.")],
-    table: Annotated[str, typer.Option(help=f"Needed if the address changed: {TABLE_HELP}")] = "",
-    imu: Annotated[str, typer.Option(help=f"Needed if the address changed: {_IMU_HELP}")] = "",
+    folder: Path = typer.Argument(help="The folder of a run that was interrupted."),
+    table: str = typer.Option("", help=f"Needed if the address changed: {TABLE_HELP}"),
+    imu: str = typer.Option("", help=f"Needed if the address changed: {_IMU_HELP}"),
     also_imu: _AlsoImu = None,
-    chamber: Annotated[str, typer.Option(help="Needed if the address changed.")] = "",
+    chamber: str = typer.Option("", help="Needed if the address changed."),
     clock: _Clock = "",
     speed: _Speed = None,
     patience: _Patience = 120.0,
@@ -246,23 +249,18 @@ def _carry_out_plan(
 @app.command()
 def simulate(
     run_file: _RunFile,
-    seed: Annotated[
-        int, typer.Option(min=0, help="Seed for the noise and for the errors of the bench.")
-    ] = 0,
-    preset: Annotated[str, typer.Option(help="Preset of the IMU's packets.")] = "fixed",
-    rate: Annotated[
-        float | None, typer.Option(help="Packets per second; by default the rate in the run file.")
-    ] = None,
-    pace: Annotated[
-        str,
-        typer.Option(help="Simulated seconds per second; granted: as fast as the host permits."),
-    ] = "granted",
-    tcp: Annotated[
-        bool, typer.Option("--tcp", help="Connect the IMU by TCP instead of a pseudo-terminal.")
-    ] = False,
-    imus: Annotated[
-        int, typer.Option(min=1, help="Number of IMUs; IMU n has the true errors divided by n.")
-    ] = 1,
+    seed: int = typer.Option(0, min=0, help="Seed for the noise and for the errors of the bench."),
+    preset: str = typer.Option("fixed", help="Preset of the IMU's packets."),
+    rate: float | None = typer.Option(
+        None, help="Packets per second; by default the rate in the run file."
+    ),
+    pace: str = typer.Option(
+        "granted", help="Simulated seconds per second; granted: as fast as the host permits."
+    ),
+    tcp: bool = flag("--tcp", "Connect the IMU by TCP instead of a pseudo-terminal."),
+    imus: int = typer.Option(
+        1, min=1, help="Number of IMUs; IMU n has the true errors divided by n."
+    ),
 ) -> None:
     """Simulate the table and the IMU of a run file, until you press Ctrl-C.
 

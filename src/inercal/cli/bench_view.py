@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inercal.basics.keys import CoefficientName
-from inercal.basics.system_user import user_name
+from inercal.basics.process_settings import user_name
 from inercal.cli.console import make_table
 from inercal.cli.mounting_answers import WORD, TypedConfirmation, answer_mountings
 

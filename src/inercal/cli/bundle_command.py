@@ -6,7 +6,7 @@ import typer
 
 from inercal.basics.errors import InputError
 from inercal.cli.console import print_json
-from inercal.cli.options import Force, Json
+from inercal.cli.options import Force, Json, out_option
 from inercal.cli.outputs import BUNDLE, check_outputs
 
 
@@ -16,9 +16,7 @@ def run(
         None,
         help="Its calibration file (default: the file with the same name in the current folder).",
     ),
-    out: Path | None = typer.Option(
-        None, "--out", "-o", help="The bundle to write (default: the run file's name with .zip)."
-    ),
+    out: Path | None = out_option("The bundle to write (default: the run file's name with .zip)."),
     force: Force = False,
     json: Json = False,
 ) -> None:

@@ -11,7 +11,7 @@ from inercal.basics.atomic_files import atomic_write_all, keep_previous, write_t
 from inercal.basics.errors import InputError, MissingExtra
 from inercal.cli import console, outputs
 from inercal.cli.log_drafts import SET, draft_logs
-from inercal.cli.options import Explain, Json, Strict
+from inercal.cli.options import Explain, Json, Strict, flag
 
 if TYPE_CHECKING:
     from inercal.pipeline.drafts import Draft
@@ -31,19 +31,15 @@ def run(
     yes: bool = typer.Option(
         False, "--yes", "-y", help="Ask no questions about a log, but list what is assumed."
     ),
-    force: bool = typer.Option(
-        False,
-        "--force",
-        help="Also overwrite a calibration from another run file, and the run file of a log.",
+    force: bool = flag(
+        "--force", "Also overwrite a calibration from another run file, and the run file of a log."
     ),
     with_report: bool = typer.Option(True, "--report/--no-report", help="Write the HTML report."),
     register: str | None = typer.Option(
         None, help="Enter the calibration in this register: an address, or default."
     ),
-    auto: bool = typer.Option(
-        False,
-        "--auto",
-        help='Add coefficients that the score tests find: \\[method] also = "auto".',
+    auto: bool = flag(
+        "--auto", 'Add coefficients that the score tests find: \\[method] also = "auto".'
     ),
     explain: Explain = False,
     strict: Strict = False,

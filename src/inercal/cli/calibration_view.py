@@ -8,7 +8,7 @@ from inercal.calibration.comparison import Comparison, run_to_run
 from inercal.calibration.comparison.run_to_run import RunToRun
 from inercal.calibration.display import coefficient_lines
 from inercal.cli.console import axis_of, print_line, print_lines, print_table
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.sensors import SI_UNITS
 
 

@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 from inercal.basics.atomic_files import atomic_write_all
 from inercal.basics.errors import InercalError, InputError, require_installed
 from inercal.cli import console
-from inercal.cli.options import Force, Json, RegisterOption
+from inercal.cli.options import Force, Json, RegisterOption, flag
 
 if TYPE_CHECKING:
     from inercal.laboratory.store import CertificateFiles
@@ -52,48 +52,34 @@ _Schema = Annotated[
 
 @app.command(_ISSUE)
 def issue(
-    file: Annotated[Path, typer.Argument(help="A calibration file.")],
-    lab: Annotated[Path, typer.Option(help="The laboratory file (TOML).")],
-    job: Annotated[
-        Path | None, typer.Option(help="A TOML file whose \\[job] adds keys to the run's \\[job].")
-    ] = None,
-    as_found: Annotated[
-        Path | None, typer.Option(help="The calibration file from before the adjustment.")
-    ] = None,
-    language: Annotated[_Language, typer.Option(help="Language: en, de or zh.")] = _Language.en,
-    issued: Annotated[
-        str | None,
-        typer.Option("--date", help="Date of issue, such as 2026-11-26; by default today."),
-    ] = None,
-    amends: Annotated[
-        str | None, typer.Option(help="Number of the certificate that this one amends.")
-    ] = None,
-    replaces: Annotated[
-        str | None, typer.Option(help="Number of the certificate that it replaces.")
-    ] = None,
-    reason: Annotated[
-        str | None, typer.Option(help="Reason for changing an earlier certificate.")
-    ] = None,
-    font: Annotated[
-        Path | None,
-        typer.Option(help="A font file, for characters that are not in the built-in fonts."),
-    ] = None,
-    sign: Annotated[
-        Path | None,
-        typer.Option(help=f"PKCS#12 file of the key; set ${PASSPHRASE} to its passphrase."),
-    ] = None,
+    file: Path = typer.Argument(help="A calibration file."),
+    lab: Path = typer.Option(help="The laboratory file (TOML)."),
+    job: Path | None = typer.Option(
+        None, help="A TOML file whose \\[job] adds keys to the run's \\[job]."
+    ),
+    as_found: Path | None = typer.Option(
+        None, help="The calibration file from before the adjustment."
+    ),
+    language: _Language = typer.Option(_Language.en, help="Language: en, de or zh."),
+    issued: str | None = typer.Option(
+        None, "--date", help="Date of issue, such as 2026-11-26; by default today."
+    ),
+    amends: str | None = typer.Option(None, help="Number of the certificate that this one amends."),
+    replaces: str | None = typer.Option(None, help="Number of the certificate that it replaces."),
+    reason: str | None = typer.Option(None, help="Reason for changing an earlier certificate."),
+    font: Path | None = typer.Option(
+        None, help="A font file, for characters that are not in the built-in fonts."
+    ),
+    sign: Path | None = typer.Option(
+        None, help=f"PKCS#12 file of the key; set ${PASSPHRASE} to its passphrase."
+    ),
     schema: _Schema = None,
-    draft: Annotated[
-        bool, typer.Option("--draft", help="Write a draft without a number; it is not registered.")
-    ] = False,
+    draft: bool = flag("--draft", "Write a draft without a number; it is not registered."),
     out: _Out = Path(),
     force: Force = False,
-    by: Annotated[
-        str | None,
-        typer.Option(
-            help="Name of the person who issues the certificate; by default your user name."
-        ),
-    ] = None,
+    by: str | None = typer.Option(
+        None, help="Name of the person who issues the certificate; by default your user name."
+    ),
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
@@ -107,10 +93,9 @@ def issue(
     # The modules of the work load after the inputs were checked.
     from inercal.calibration.files import load
     from inercal.laboratory.certificate.content import CertificateInput
-    from inercal.laboratory.certificate.issue import IssueOptions, make_files
+    from inercal.laboratory.certificate.issue import IssueOptions, make_files, read_signing_key
     from inercal.laboratory.certificate.issue import issue as issue_certificate
     from inercal.laboratory.certificate.job import read_job
-    from inercal.laboratory.certificate.signature import read_signing_key
 
     if amends and replaces:
         raise _option_error("--replaces", "give --amends or --replaces, not both")
@@ -166,10 +151,8 @@ def issue(
 
 @app.command()
 def verify(
-    file: Annotated[Path, typer.Argument(help="A certificate: the PDF or the DCC.")],
-    trust: Annotated[
-        Path | None, typer.Option(help="PEM file with the certificates to trust.")
-    ] = None,
+    file: Path = typer.Argument(help="A certificate: the PDF or the DCC."),
+    trust: Path | None = typer.Option(None, help="PEM file with the certificates to trust."),
     schema: _Schema = None,
     register: RegisterOption = None,
     json: Json = False,
@@ -211,7 +194,7 @@ def verify(
 
 @app.command("copy")
 def copy_(
-    number: Annotated[str, typer.Argument(help="Number of a certificate.")],
+    number: str = typer.Argument(help="Number of a certificate."),
     out: _Out = Path(),
     force: Force = False,
     register: RegisterOption = None,

@@ -11,7 +11,7 @@ from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
 from inercal.cli import session_inputs
 from inercal.cli.console import open_register, print_json, print_written_files
-from inercal.cli.options import Force, Json, RegisterOption
+from inercal.cli.options import Force, Json, RegisterOption, out_option
 from inercal.cli.outputs import CONTROL, PAGE, check_outputs
 
 if TYPE_CHECKING:
@@ -53,9 +53,7 @@ def run(
     lasting: Lasting = typer.Option(
         Lasting.EWMA, help="Type of chart for small lasting changes of a single value."
     ),
-    out: Path | None = typer.Option(
-        None, "--out", "-o", help="Folder for the result and the page with the charts."
-    ),
+    out: Path | None = out_option("Folder for the result and the page with the charts."),
     force: Force = False,
     json: Json = False,
 ) -> None:

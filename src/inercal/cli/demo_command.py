@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 
 from inercal.cli import console
-from inercal.cli.options import Json
+from inercal.cli.options import Json, flag
 
 
 def run(
@@ -15,7 +15,7 @@ def run(
         Path("inercal-demo"), "--out", "-o", help="Folder for the files from the run."
     ),
     seed: int = typer.Option(0, min=0, help="Seed for the simulation."),
-    quick: bool = typer.Option(False, "--quick", help="Run for 5 simulated minutes instead of 24."),
+    quick: bool = flag("--quick", "Run for 5 simulated minutes instead of 24."),
     json: Json = False,
 ) -> None:
     """Calibrate an IMU on a simulated table, and compare the result with the truth."""

@@ -24,12 +24,11 @@ _BenchRun = Annotated[
 
 
 def devices(
-    table: Annotated[str, typer.Option(help=f"Query a table: {TABLE_HELP}")] = "",
-    imu: Annotated[
-        str,
-        typer.Option(help="Listen to an IMU for one second; without preset=, try every preset."),
-    ] = "",
-    chamber: Annotated[str, typer.Option(help=f"Query a chamber: {_CHAMBER_HELP}")] = "",
+    table: str = typer.Option("", help=f"Query a table: {TABLE_HELP}"),
+    imu: str = typer.Option(
+        "", help="Listen to an IMU for one second; without preset=, try every preset."
+    ),
+    chamber: str = typer.Option("", help=f"Query a chamber: {_CHAMBER_HELP}"),
     run_file: _BenchRun = None,
     json: Json = False,
 ) -> None:
@@ -78,19 +77,14 @@ def devices(
 
 
 def check_driver(
-    address: Annotated[
-        str,
-        typer.Argument(
-            help="Address of a simulated table or chamber on this machine, or of an instrument."
-        ),
-    ],
+    address: str = typer.Argument(
+        help="Address of a simulated table or chamber on this machine, or of an instrument."
+    ),
     run_file: _BenchRun = None,
-    pace: Annotated[
-        float, typer.Option(help="Simulated seconds per second, as the simulator was started.")
-    ] = 1.0,
-    overload: Annotated[
-        str, typer.Option(help="Address at which an instrument reports an overload.")
-    ] = "",
+    pace: float = typer.Option(
+        1.0, help="Simulated seconds per second, as the simulator was started."
+    ),
+    overload: str = typer.Option("", help="Address at which an instrument reports an overload."),
     json: Json = False,
 ) -> None:
     """Check the driver of a table or chamber with its simulator, or that of an instrument.

@@ -8,7 +8,7 @@ import typer
 from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_quantity, si_factor
 from inercal.cli.console import print_json, report_line
-from inercal.cli.options import Force, Json, assignments
+from inercal.cli.options import Force, Json, assignments, flag, out_option
 from inercal.cli.outputs import OutputKind, check_output_folder, check_outputs, source_files
 from inercal.physics.quantities import QUANTITIES
 
@@ -32,15 +32,11 @@ AXES = typer.Option(
     "--axes",
     help="Body axes of the target's x, y, z: 'x -y -z' turns front-left-up into front-right-down.",
 )
-LOSSLESS = typer.Option(
-    False,
-    "--lossless",
-    help="Refuse the export if its error is unknown or exceeds the calibration's U.",
+LOSSLESS = flag(
+    "--lossless", "Refuse the export if its error is unknown or exceeds the calibration's U."
 )
-REFIT = typer.Option(
-    False,
-    "--refit",
-    help="Fit linear terms over the range, for a target that has no nonlinear terms.",
+REFIT = flag(
+    "--refit", "Fit linear terms over the range, for a target that has no nonlinear terms."
 )
 FORCE_RANGE = typer.Option(
     None,
@@ -64,11 +60,8 @@ def run(
         "betaflight, vectornav, adis, imu_tk, imucal, c, c_fixed, cpp, matlab, python, ros2-node, "
         "csv, magcal, ros_magnetometer, fusion, or a target from another package.",
     ),
-    out: Path | None = typer.Option(
-        None,
-        "--out",
-        "-o",
-        help="The file or folder to write (default: RUN.TARGET.SUFFIX or NAME_correct).",
+    out: Path | None = out_option(
+        "The file or folder to write (default: RUN.TARGET.SUFFIX or NAME_correct)."
     ),
     stated: list[str] = SET,
     axes: str = AXES,

@@ -14,7 +14,16 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.cli import export_command
 from inercal.cli.console import open_register, print_json, progress_status, report_line
-from inercal.cli.options import Force, Json, Scheduler, Workers, assignments, warn_of_root
+from inercal.cli.options import (
+    Force,
+    Json,
+    Scheduler,
+    Workers,
+    assignments,
+    flag,
+    out_option,
+    warn_of_root,
+)
 from inercal.cli.outputs import CALIBRATION, PAGE, OutputKind, check_outputs
 
 if TYPE_CHECKING:
@@ -44,29 +53,20 @@ def calibrate(
     line: _Line,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    batch: Annotated[
-        int | None,
-        typer.Option(help="Number of sensors in a batch (default: as many as take 2 s)."),
-    ] = None,
-    retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Retry the sensors that failed before.")
-    ] = False,
-    timeout: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS",
-            help="Time limit for a sensor, s (default: 20 times that of the others, at least 60).",
-        ),
-    ] = None,
-    register: Annotated[
-        str | None, typer.Option(help="Enter the calibrations in this register.")
-    ] = None,
-    watch: Annotated[
-        Path | None, typer.Option(help="Calibrate each recording as it arrives in this folder.")
-    ] = None,
-    count: Annotated[
-        int | None, typer.Option(help="With --watch: stop after this many recordings.")
-    ] = None,
+    batch: int | None = typer.Option(
+        None, help="Number of sensors in a batch (default: as many as take 2 s)."
+    ),
+    retry_failed: bool = flag("--retry-failed", "Retry the sensors that failed before."),
+    timeout: float | None = typer.Option(
+        None,
+        metavar="SECONDS",
+        help="Time limit for a sensor, s (default: 20 times that of the others, at least 60).",
+    ),
+    register: str | None = typer.Option(None, help="Enter the calibrations in this register."),
+    watch: Path | None = typer.Option(
+        None, help="Calibrate each recording as it arrives in this folder."
+    ),
+    count: int | None = typer.Option(None, help="With --watch: stop after this many recordings."),
     out: _Out = None,
     json: Json = False,
 ) -> None:
@@ -158,15 +158,10 @@ def status(line: _Line, out: _Out = None, json: Json = False) -> None:
 @app.command()
 def report(
     line: _Line,
-    page: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="The page (default: report.html in the line's folder)."),
-    ] = None,
+    page: Path | None = out_option("The page (default: report.html in the line's folder)."),
     out: _Out = None,
     force: Force = False,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object; write a page only with --out.")
-    ] = False,
+    json: bool = flag("--json", "Print one JSON object; write a page only with --out."),
 ) -> None:
     """Compare the sensors of a line: distributions, lots, outliers, drift, stations and yield."""
     from inercal.fleet import results
@@ -201,32 +196,26 @@ def report(
 @app.command()
 def export(
     line: _Line,
-    path: Annotated[
-        Path, typer.Argument(help="The table to write (.csv or .parquet); with --to, a folder.")
-    ],
-    sensor: Annotated[
-        str | None, typer.Option(help="Write the calibration file of this sensor instead.")
-    ] = None,
-    to: Annotated[
-        str | None,
-        typer.Option(help="Write one file per sensor for this target (inercal export --help)."),
-    ] = None,
+    path: Path = typer.Argument(help="The table to write (.csv or .parquet); with --to, a folder."),
+    sensor: str | None = typer.Option(
+        None, help="Write the calibration file of this sensor instead."
+    ),
+    to: str | None = typer.Option(
+        None, help="Write one file per sensor for this target (inercal export --help)."
+    ),
     stated: list[str] = export_command.SET,
-    column: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="OPTION=COLUMN",
-            help="With --to: take an option from a column of sensors.csv: acc_id=device_id.",
-        ),
-    ] = None,
+    column: list[str] | None = typer.Option(
+        None,
+        metavar="OPTION=COLUMN",
+        help="With --to: take an option from a column of sensors.csv: acc_id=device_id.",
+    ),
     axes: str = export_command.AXES,
     lossless: bool = export_command.LOSSLESS,
     out: _Out = None,
     force: Force = False,
 ) -> None:
     """Write the results as one table, the calibration file of one sensor, or files for a target."""
-    from inercal.calibration.files import save
-    from inercal.calibration.outdated import OUTDATED
+    from inercal.calibration.files import OUTDATED, save
     from inercal.fleet import results
     from inercal.fleet.export import export_files, export_table, sensor_calibration
     from inercal.fleet.line import read_line

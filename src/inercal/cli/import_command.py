@@ -6,7 +6,7 @@ import typer
 
 from inercal.cli.console import print_json, print_lines
 from inercal.cli.export_command import OPTION_FORM
-from inercal.cli.options import Force, Json, assignments
+from inercal.cli.options import Force, Json, assignments, out_option
 from inercal.cli.outputs import CALIBRATION, check_outputs
 
 
@@ -18,7 +18,7 @@ def run(
         help="Format: imu_tk, imucal, kalibr, basalt, realsense, px4, ardupilot, inav, betaflight, "
         "magcal, ros_magnetometer, or a format from another package.",
     ),
-    out: Path | None = typer.Option(None, "--out", "-o", help="The calibration file to write."),
+    out: Path | None = out_option("The calibration file to write."),
     like: Path | None = typer.Option(
         None, help="A calibration of the same sensor, from which the axes and readouts are taken."
     ),

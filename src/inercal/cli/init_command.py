@@ -9,7 +9,7 @@ from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError, MissingExtra
 from inercal.cli.console import print_json, print_written_files, report_line
 from inercal.cli.log_drafts import SET, draft_logs
-from inercal.cli.options import Force, Json
+from inercal.cli.options import Force, Json, flag, out_option
 from inercal.cli.outputs import PAGE, RUN_FILE, check_outputs
 
 
@@ -19,16 +19,12 @@ def run(
         help="The recording: a file, a file for the accelerometers and one for the gyros, several "
         "files with the same columns, a folder, or a name with a star.",
     ),
-    out: Path | None = typer.Option(
-        None, "--out", "-o", help="Run file to write; by default the log's name with .toml."
-    ),
+    out: Path | None = out_option("Run file to write; by default the log's name with .toml."),
     stated: list[str] = SET,
     yes: bool = typer.Option(
         False, "--yes", "-y", help="Ask no questions, but report each decision."
     ),
-    report: bool = typer.Option(
-        False, "--report", help="Write a page that shows the signals and sections."
-    ),
+    report: bool = flag("--report", "Write a page that shows the signals and sections."),
     force: Force = False,
     json: Json = False,
 ) -> None:

@@ -29,58 +29,8 @@ from inercal.runfile import read
 
 _OTHER_METHODS = ("turntable_trajectory", "turntable_discrete")
 _BATCH = 16  # trials; enough that they are solved as a batch
-
-_RATES = '["60 rpm", "120 rpm", "180 rpm"]'
-_ARM = f"""\
-[sensor]
-name = "triad"
-[sensor.accelerometer]
-unit = "g"
-white = "20 µg/√Hz"
-[bench]
-kind = "centrifuge"
-gravity = "9.80123 m/s² ± 0.1 mm/s²"
-latitude = "39 ° ± 0.1 °"
-radius = "1 m ± 10 µm"
-tilt = "2 ″"
-[data]
-file = "arm.csv"
-time = "time"
-rate = "50 Hz"
-accelerometer = ["ax", "ay", "az"]
-label = "label"
-arm_rate = "rpm"
-[method]
-name = "centrifuge_norm"
-attitudes = "full-circle"
-rates = {_RATES}
-turns = 10
-"""
-
-
-_NAVIGATION = """\
-[sensor]
-name = "imu"
-[sensor.accelerometer]
-unit = "g"
-white = "60 µg/√Hz"
-[sensor.gyro]
-unit = "°/s"
-white = "0.1 °/√h"
-[bench]
-kind = "turntable"
-gravity = "9.80123 m/s² ± 0.1 mm/s²"
-latitude = "39.00 ° ± 0.01 °"
-[data]
-file = "navigation.csv"
-time = "time"
-rate = "20 Hz"
-accelerometer = ["ax", "ay", "az"]
-gyro = ["gx", "gy", "gz"]
-[method]
-name = "systematic"
-seconds = "10 s"
-"""
+_RATES = '["60 rpm", "120 rpm", "180 rpm"]'  # as arm.toml states them
+_RUN_FILES = files("inercal.cli") / "compiled_runs"
 
 
 def compile_kernels(progress: Callable[[str], None]) -> tuple[str, ...]:
@@ -138,7 +88,7 @@ def _calibrate_by_navigation(folder: Path) -> None:
     All estimators are run in turn, because the live estimator has its own kernel.
     """
     path = folder / "navigation.toml"
-    path.write_text(_NAVIGATION, encoding="utf-8")
+    path.write_bytes((_RUN_FILES / path.name).read_bytes())
     run = read(path)
     made = simulate_files(run, 0)
     write_recordings({run.file(name): one for name, one in made.items()})
@@ -165,8 +115,9 @@ def _calibrate_by_hand(folder: Path) -> None:
 def _fit_batches(folder: Path) -> None:
     """Run batches of fits by norm and by vector, with Jacobians computed for all trials."""
     path = folder / "arm.toml"
-    by_vectors = _ARM.replace("[data]", 'indexing = "5 ″"\n[data]').replace(_RATES, '["120 rpm"]')
-    for text in (_ARM, by_vectors):
+    arm = (_RUN_FILES / path.name).read_text(encoding="utf-8")
+    by_vectors = arm.replace("[data]", 'indexing = "5 ″"\n[data]').replace(_RATES, '["120 rpm"]')
+    for text in (arm, by_vectors):
         path.write_text(text, encoding="utf-8")
         budget(experiment_from_run(read(path)), _BATCH, 0)
     plan = six_positions()

@@ -14,6 +14,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.basics.visible_text import visible_text
 from inercal.cli.console import print_json
+from inercal.cli.options import flag, out_option
 from inercal.cli.outputs import WORKSHEET, check_outputs, require_suffix
 from inercal.physics.quantities import QUANTITIES
 
@@ -34,9 +35,7 @@ def run(
         "-r",
         help="The run file for the worksheet, if no run file in its folder names it.",
     ),
-    out: Path | None = typer.Option(
-        None, "--out", "-o", help="The table to fill (.csv); by default \\[data] file."
-    ),
+    out: Path | None = out_option("The table to fill (.csv); by default \\[data] file."),
     readings: int = typer.Option(
         1, "--readings", "-n", min=1, max=10_000, help="Number of readings per mean."
     ),
@@ -58,10 +57,8 @@ def run(
         help="Ask for a reading again if it differs from that of an ideal sensor by more than "
         "this percentage of the specific force or rate.",
     ),
-    force: bool = typer.Option(
-        False, "--force", help="Start again; the earlier table is renamed to .previous."
-    ),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object at the end."),
+    force: bool = flag("--force", "Start again; the earlier table is renamed to .previous."),
+    json: bool = flag("--json", "Print one JSON object at the end."),
 ) -> None:
     """Fill a worksheet position by position, with instructions for each reading.
 
@@ -71,10 +68,9 @@ def run(
     """
     planned, path = _run_and_table(plan, run_file, out)
     # The modules of the work load after the run file was checked.
-    from inercal.host.guided.dialogue import GuidedMeasurement
+    from inercal.host.guided.dialogue import GuidedMeasurement, ReadingCheck
     from inercal.host.guided.instruments import open_sensor_instrument
     from inercal.host.guided.measurement_table import MeasurementTable, measurement_files
-    from inercal.host.guided.reading_check import ReadingCheck
 
     def say(text: str, end: str = "\n") -> None:
         print(visible_text(text), end=end, file=sys.stderr if json else sys.stdout, flush=True)

@@ -11,7 +11,7 @@ from inercal.basics.errors import InputError
 from inercal.cli.console import open_register, print_json, print_written_files, progress_status
 from inercal.cli.log_drafts import stated_keys
 from inercal.cli.noise_outputs import NoiseFiles
-from inercal.cli.options import Force, Json
+from inercal.cli.options import Force, Json, flag
 from inercal.cli.outputs import PAGE, check_outputs
 
 if TYPE_CHECKING:
@@ -43,15 +43,13 @@ def run(
         "likelihood", help="Estimator for the reported values: likelihood, gmwm or wls_log."
     ),
     spacing: str = typer.Option("octave", "--taus", help="Averaging times: octave, decade or all."),
-    skip_disturbed: bool = typer.Option(
-        False, "--skip-disturbed", help="Exclude disturbed periods from the fit."
-    ),
+    skip_disturbed: bool = flag("--skip-disturbed", "Exclude disturbed periods from the fit."),
     skip_band: list[str] = typer.Option(
         [],
         metavar="LOW-HIGH",
         help="Exclude a frequency band in Hz from the fit, such as that of a vibration: 3.5-5.5.",
     ),
-    report: bool = typer.Option(False, "--report", help="Write a page with the plots."),
+    report: bool = flag("--report", "Write a page with the plots."),
     run_files: list[Path] = typer.Option(
         [],
         "--write",

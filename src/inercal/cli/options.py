@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterable
 from math import inf
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -39,6 +39,16 @@ Scheduler = Annotated[
         help="Compute on a Dask cluster: tcp://HOST:PORT, tls://HOST:PORT or local (this machine).",
     ),
 ]
+
+
+def flag(name: str, meaning: str) -> Any:
+    """Return an option that is off unless its name is given."""
+    return typer.Option(False, name, help=meaning)
+
+
+def out_option(meaning: str) -> Any:
+    """Return the option `--out` of a verb that has a default place for its output, or none."""
+    return typer.Option(None, "--out", "-o", help=meaning)
 
 
 def assignments(

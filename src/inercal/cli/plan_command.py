@@ -16,7 +16,7 @@ from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InercalError, InputError
 from inercal.basics.units import format_duration
 from inercal.cli import console
-from inercal.cli.options import Force, Json, Scheduler, Workers, warn_of_root
+from inercal.cli.options import Force, Json, Scheduler, Workers, out_option, warn_of_root
 from inercal.cli.outputs import WORKSHEET, check_outputs, require_suffix
 from inercal.physics.quantities import QUANTITIES
 
@@ -280,7 +280,7 @@ def _uncertainty_as_object(expected: "ExpectedUncertainty") -> dict[str, Any]:
 
 def _print(run: "Run", plan: _Plan) -> None:
     from inercal.basics.units import format_value_and_uncertainty
-    from inercal.estimation.uncertainty.coverage import COVERAGE
+    from inercal.estimation.uncertainty import COVERAGE
 
     console.print_table(plan.heads, plan.rows, title=plan.title)
     rows: list[tuple[str, ...]] = []
@@ -320,12 +320,9 @@ def run(
         None,
         help=f"Length of each hold, s (default: {_SECONDS:g} if hand-held, else the run file's).",
     ),
-    out: Path | None = typer.Option(
-        None,
-        "--out",
-        "-o",
-        help="The table to fill in (.csv), for a bench that has a worksheet; some benches also "
-        "get a page to print (.html).",
+    out: Path | None = out_option(
+        "The table to fill in (.csv), for a bench that has a worksheet; some benches also "
+        "get a page to print (.html)."
     ),
     optimise: str | None = typer.Option(
         None,

@@ -14,7 +14,7 @@ from inercal.cli.console import (
     print_written_files,
     report_line,
 )
-from inercal.cli.options import Force, Json
+from inercal.cli.options import Force, Json, flag, out_option
 from inercal.cli.outputs import PAGE, PREDICTIONS, check_outputs, require_suffix, source_files
 
 if TYPE_CHECKING:
@@ -35,13 +35,10 @@ def run(
     sweep: str = typer.Option(
         "", help='A part that varies, such as "fx = -1 g … 1 g"; --at states the other parts.'
     ),
-    out: Path | None = typer.Option(
-        None, "--out", "-o", help="File to write: .csv of --points, .html with plots of --sweep."
-    ),
-    extrapolate: bool = typer.Option(
-        False,
+    out: Path | None = out_option("File to write: .csv of --points, .html with plots of --sweep."),
+    extrapolate: bool = flag(
         "--extrapolate",
-        help="Also accept points outside the validity; U then includes undetectable effects.",
+        "Also accept points outside the validity; U then includes undetectable effects.",
     ),
     force: Force = False,
     json: Json = False,
@@ -101,7 +98,7 @@ def _print_point(found: "Prediction", j: int) -> None:
     from math import isfinite
 
     from inercal.basics.units import format_quantity
-    from inercal.estimation.uncertainty.coverage import COVERAGE
+    from inercal.estimation.uncertainty import COVERAGE
     from inercal.pipeline.operating_points import point_text, quantity_cells
 
     print_line(point_text(found, j), "bold")

@@ -8,7 +8,7 @@ import typer
 
 from inercal.basics.errors import InputError
 from inercal.cli import console
-from inercal.cli.options import Force, Json, RegisterOption
+from inercal.cli.options import Force, Json, RegisterOption, flag, out_option
 from inercal.cli.outputs import TYPE_PRIOR, check_outputs, require_suffix
 
 if TYPE_CHECKING:
@@ -35,12 +35,8 @@ def run(
         "cross-coupling coefficients that all files have.",
     ),
     without: list[str] | None = typer.Option(None, help="Name of a sensor to leave out."),
-    each_axis: bool = typer.Option(
-        False, "--each-axis", help="Treat each axis of a file as a sensor of its own."
-    ),
-    out: Path | None = typer.Option(
-        None, "--out", "-o", help="File to write, for prior_type in a run file: type.prior.toml."
-    ),
+    each_axis: bool = flag("--each-axis", "Treat each axis of a file as a sensor of its own."),
+    out: Path | None = out_option("File to write, for prior_type in a run file: type.prior.toml."),
     force: Force = False,
     json: Json = False,
 ) -> None:

@@ -12,7 +12,7 @@ import typer
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_number
 from inercal.cli.console import open_register, print_json, print_line, print_lines, print_table
-from inercal.cli.options import Force, Json, RegisterOption
+from inercal.cli.options import Force, Json, RegisterOption, flag, out_option
 from inercal.cli.outputs import QUALIFICATION, check_outputs
 
 if TYPE_CHECKING:
@@ -31,13 +31,9 @@ def run(
         "and the later qualification.",
         metavar="FILE…",
     ),
-    out: Path | None = typer.Option(
-        None, "--out", "-o", help="The qualification to write, *.qualification.json."
-    ),
+    out: Path | None = out_option("The qualification to write, *.qualification.json."),
     force: Force = False,
-    drift: bool = typer.Option(
-        False, "--drift", help="Compare two successive qualifications of one bench."
-    ),
+    drift: bool = flag("--drift", "Compare two successive qualifications of one bench."),
     withdraw: str | None = typer.Option(
         None,
         metavar="REASON",

@@ -7,7 +7,7 @@ import typer
 
 from inercal.basics.atomic_files import write_text
 from inercal.cli import console
-from inercal.cli.options import Force, Json, RegisterOption
+from inercal.cli.options import Force, Json, RegisterOption, out_option
 from inercal.cli.outputs import CALIBRATION, REPEATABILITY, check_outputs
 from inercal.cli.session_inputs import SameOption, Sensor, Sessions
 
@@ -31,9 +31,7 @@ def run(
         help="Whether U of the next use includes the rotation of a new mounting (sensor), or "
         "the person who mounts the sensor accounts for it (bench).",
     ),
-    out: Path | None = typer.Option(
-        None, "--out", "-o", help="Folder for the result and the calibration for the next use."
-    ),
+    out: Path | None = out_option("Folder for the result and the calibration for the next use."),
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -41,8 +39,7 @@ def run(
     from inercal.basics.documents import document_text
     from inercal.calibration.files import save
     from inercal.cli.session_inputs import read_sessions
-    from inercal.laboratory.repeatability import repeat
-    from inercal.laboratory.repeatability.files import next_use_calibration, repeatability_object
+    from inercal.laboratory.repeatability import next_use_calibration, repeat, repeatability_object
 
     given, inputs = read_sessions(files, table, sensor, register, same)
     sessions = [one.session for one in given]

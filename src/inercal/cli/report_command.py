@@ -5,16 +5,14 @@ from pathlib import Path
 import typer
 
 from inercal.cli import console
-from inercal.cli.options import Explain, Json, Strict
+from inercal.cli.options import Explain, Json, Strict, flag, out_option
 from inercal.cli.outputs import PAGE, check_outputs
 
 
 def run(
     run_file: Path = typer.Argument(help="The run file (TOML)."),
-    out: Path | None = typer.Option(None, "--out", "-o", help="The page to write."),
-    for_customer: bool = typer.Option(
-        False, "--for-customer", help="Omit run-file keys and next steps."
-    ),
+    out: Path | None = out_option("The page to write."),
+    for_customer: bool = flag("--for-customer", "Omit run-file keys and next steps."),
     explain: Explain = False,
     strict: Strict = False,
     json: Json = False,

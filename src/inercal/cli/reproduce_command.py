@@ -8,7 +8,7 @@ import typer
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_number
 from inercal.cli.console import print_json, progress_status
-from inercal.cli.options import Scheduler, Workers, warn_of_root
+from inercal.cli.options import Scheduler, Workers, flag, out_option, warn_of_root
 from inercal.cli.outputs import PAGE, check_outputs
 
 if TYPE_CHECKING:
@@ -22,11 +22,8 @@ def run(
         help="The study: centrifuge, dual-orthogonal, one-sensor, ship-model or turntable; or a "
         "bundle (.zip)."
     ),
-    out: Path | None = typer.Option(
-        None,
-        "--out",
-        "-o",
-        help="Folder for the page; by default the current one, and no page with --json.",
+    out: Path | None = out_option(
+        "Folder for the page; by default the current one, and no page with --json."
     ),
     trials: int | None = typer.Option(
         None, help="Largest number of Monte Carlo trials of a study (default: 4000)."
@@ -34,7 +31,7 @@ def run(
     seed: int | None = typer.Option(None, help="Seed of the noise of a study (default: 0)."),
     workers: Workers = None,
     scheduler: Scheduler = None,
-    json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
+    json: bool = flag("--json", "Print one JSON list of the claims."),
 ) -> None:
     """Recompute the claims of a source paper, or the calibration in a bundle.
 

@@ -16,7 +16,7 @@ from inercal.cli.console import (
     print_table,
     print_verdict,
 )
-from inercal.cli.options import Explain, Json
+from inercal.cli.options import Explain, Json, flag
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
@@ -34,10 +34,9 @@ def run(
     at: list[str] = typer.Option(
         [], help='A temperature, such as "-30 °C", at which to show a calibration\'s coefficients.'
     ),
-    as_paper: bool = typer.Option(
-        False,
+    as_paper: bool = flag(
         "--as-paper",
-        help="Show a centrifuge calibration as D, S and b of Wang and Li 2021, with g₀ = 9.8 m/s².",
+        "Show a centrifuge calibration as D, S and b of Wang and Li 2021, with g₀ = 9.8 m/s².",
     ),
     explain: Explain = False,
     json: Json = False,
@@ -87,7 +86,7 @@ def _show_as_paper(file: Path, explain: bool, json: bool) -> None:
     from inercal.basics.units import format_value_and_uncertainty
     from inercal.calibration.display import title
     from inercal.calibration.files import load
-    from inercal.estimation.uncertainty.coverage import COVERAGE
+    from inercal.estimation.uncertainty import COVERAGE
     from inercal.methods.centrifuge_norm.closed_formulas import G, paper_form
 
     if file.suffix.lower() != ".json":
@@ -125,9 +124,9 @@ def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
     import numpy as np
 
     from inercal.basics.units import format_value_and_uncertainty
+    from inercal.calibration.display import temperature_curves
     from inercal.calibration.files import load
-    from inercal.calibration.temperature_curves import temperature_curves
-    from inercal.estimation.uncertainty.coverage import COVERAGE
+    from inercal.estimation.uncertainty import COVERAGE
     from inercal.physics.section_settings import si_value
 
     calibration = load(file)

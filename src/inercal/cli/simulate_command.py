@@ -6,7 +6,7 @@ import typer
 
 from inercal.basics.units import format_duration
 from inercal.cli.console import print_json, progress_status
-from inercal.cli.options import Force, Json
+from inercal.cli.options import Force, Json, out_option
 from inercal.cli.outputs import RECORDING, check_outputs
 
 
@@ -14,11 +14,8 @@ def run(
     run_file: Path = typer.Argument(
         help="The run file (TOML); \\[sensor.truth] contains the true values."
     ),
-    out: Path | None = typer.Option(
-        None,
-        "--out",
-        "-o",
-        help="The recording to write (.csv, .npz, .parquet); by default \\[data] file.",
+    out: Path | None = out_option(
+        "The recording to write (.csv, .npz, .parquet); by default \\[data] file."
     ),
     seed: int = typer.Option(0, min=0, help="Seed for the noise and for the errors of the bench."),
     force: Force = False,

@@ -9,7 +9,7 @@ from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InercalError, InputError, error_location
 from inercal.basics.units import format_count
 from inercal.cli.console import open_register, print_json, report_line
-from inercal.cli.options import Force, Json, RegisterOption, assignments
+from inercal.cli.options import Force, Json, RegisterOption, assignments, flag, out_option
 from inercal.cli.outputs import BACKUP, PAGE, check_outputs
 
 if TYPE_CHECKING:
@@ -33,9 +33,7 @@ _All = Annotated[
 
 @app.command("list")
 def list_(
-    runs: Annotated[
-        bool, typer.Option("--runs", help="List the runs instead of the sensors.")
-    ] = False,
+    runs: bool = flag("--runs", "List the runs instead of the sensors."),
     everything: _All = False,
     register: RegisterOption = None,
     json: Json = False,
@@ -60,7 +58,7 @@ def list_(
 
 @app.command()
 def show(
-    what: Annotated[str, typer.Argument(help="A sensor's name, or the number of a calibration.")],
+    what: str = typer.Argument(help="A sensor's name, or the number of a calibration."),
     everything: _All = False,
     register: RegisterOption = None,
     json: Json = False,
@@ -103,33 +101,23 @@ def show(
 @app.command()
 def history(
     sensor: _Sensor,
-    coefficients: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help="Coefficients to show in full: ax.k0, k0, bias; by default a summary of all."
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="The HTML page to write, with figures.")
-    ] = None,
-    limit: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Largest U until the next calibration, such as 'bias=1 mg'; by default the "
-            "limits that the newest calibration states."
-        ),
-    ] = None,
-    in_use: Annotated[
-        float | None,
-        typer.Option(help="Percentage of time in use, to give the interval also in hours."),
-    ] = None,
-    like: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A sensor of the same type, for the interval of a sensor with few "
-            "calibrations; by default those with the same model in \\[job]."
-        ),
-    ] = None,
+    coefficients: list[str] | None = typer.Argument(
+        None, help="Coefficients to show in full: ax.k0, k0, bias; by default a summary of all."
+    ),
+    out: Path | None = out_option("The HTML page to write, with figures."),
+    limit: list[str] | None = typer.Option(
+        None,
+        help="Largest U until the next calibration, such as 'bias=1 mg'; by default the "
+        "limits that the newest calibration states.",
+    ),
+    in_use: float | None = typer.Option(
+        None, help="Percentage of time in use, to give the interval also in hours."
+    ),
+    like: list[str] | None = typer.Option(
+        None,
+        help="A sensor of the same type, for the interval of a sensor with few "
+        "calibrations; by default those with the same model in \\[job].",
+    ),
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
@@ -179,15 +167,13 @@ def history(
 
 @app.command()
 def diff(
-    first: Annotated[str, typer.Argument(help="The number of a calibration, or a file.")],
-    second: Annotated[str, typer.Argument(help="A later calibration: its number, or a file.")],
-    repeatability: Annotated[
-        Path | None,
-        typer.Option(
-            help="A result of inercal repeat, for the usual scatter from run to run; by default "
-            "this is taken from the sensor's other calibrations in the register."
-        ),
-    ] = None,
+    first: str = typer.Argument(help="The number of a calibration, or a file."),
+    second: str = typer.Argument(help="A later calibration: its number, or a file."),
+    repeatability: Path | None = typer.Option(
+        None,
+        help="A result of inercal repeat, for the usual scatter from run to run; by default "
+        "this is taken from the sensor's other calibrations in the register.",
+    ),
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
@@ -230,17 +216,13 @@ def _run_to_run(
 
 @app.command("import")
 def import_(
-    paths: Annotated[
-        list[Path], typer.Argument(help="Calibration files, and folders of bench runs.")
-    ],
-    measured: Annotated[
-        str | None,
-        typer.Option(help="Date of measurement for a single calibration, such as 2026-03-01."),
-    ] = None,
-    by: Annotated[
-        str | None,
-        typer.Option(help="Name of the person who enters the data; by default your user name."),
-    ] = None,
+    paths: list[Path] = typer.Argument(help="Calibration files, and folders of bench runs."),
+    measured: str | None = typer.Option(
+        None, help="Date of measurement for a single calibration, such as 2026-03-01."
+    ),
+    by: str | None = typer.Option(
+        None, help="Name of the person who enters the data; by default your user name."
+    ),
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
@@ -329,7 +311,7 @@ def _print_dates(opened: "Register", entered: list[dict[str, Any]], measured: st
 
 @app.command()
 def backup(
-    out: Annotated[Path, typer.Argument(help="The file to write, always in SQLite.")],
+    out: Path = typer.Argument(help="The file to write, always in SQLite."),
     force: Force = False,
     register: RegisterOption = None,
     json: Json = False,
@@ -348,7 +330,7 @@ def backup(
 
 @app.command()
 def restore(
-    file: Annotated[Path, typer.Argument(help="A file that inercal store backup wrote.")],
+    file: Path = typer.Argument(help="A file that inercal store backup wrote."),
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:

@@ -1,7 +1,7 @@
 """Solve problems that provide the Jacobian of their rows by least squares.
 
-`inercal.estimation.search` finds the minimum. A robust loss with influence function ψ = ρ′/2 enters
-the steps of the search through iterated weights w = ψ/u.
+`inercal.estimation.gauss_newton_steps` finds the minimum. A robust loss with influence function
+ψ = ρ′/2 enters the steps of the search through iterated weights w = ψ/u.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inercal.basics.arrays import Array, Indices
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import NotObserved
 from inercal.estimation import gauss_newton_steps, nullspace
 from inercal.estimation.candidate_scores import (
@@ -17,12 +17,12 @@ from inercal.estimation.candidate_scores import (
     score_tests_of_trials,
     spanned_candidates,
 )
+from inercal.estimation.gauss_newton_steps import MAX_ITERATIONS, merge, search
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.problem import Problem
 from inercal.estimation.residual_scatter import WhitenedRows
 from inercal.estimation.result import NO_ROWS, OF_TRIALS, Estimate
 from inercal.estimation.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet, UnlikeTrials
-from inercal.estimation.search import Bools, merge, search
 from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem
 
 _PULLED = 6.0  # deviation in prior standard deviations, beyond which the fit contradicts the prior
@@ -54,7 +54,7 @@ class Cauchy:
 
 
 def least_squares(
-    problem: Problem, loss: Cauchy | None = None, max_iterations: int = 200
+    problem: Problem, loss: Cauchy | None = None, max_iterations: int = MAX_ITERATIONS
 ) -> Estimate:
     """Solve a problem, or every trial of a problem, by least squares.
 
@@ -90,7 +90,7 @@ def least_squares(
     return estimate_at_solution(system, point, structure, converged, iterations, loss)
 
 
-def least_squares_each(problem: Problem, max_iterations: int = 200) -> list[Estimate | None]:
+def least_squares_each(problem: Problem) -> list[Estimate | None]:
     """Solve every trial of a problem as if it were solved alone, with its own score tests.
 
     The trials share the search and the linearisation for the score tests. The result is None for a
@@ -101,8 +101,6 @@ def least_squares_each(problem: Problem, max_iterations: int = 200) -> list[Esti
     ----------
     problem : Problem
         A problem with trials.
-    max_iterations : int, optional
-        Largest number of steps to try.
 
     Raises
     ------
@@ -110,7 +108,7 @@ def least_squares_each(problem: Problem, max_iterations: int = 200) -> list[Esti
         Shapes, noise or values are invalid.
     """
     system = WhitenedProblem(problem)
-    point, converged, iterations = search(LinearisedRows(system), max_iterations)
+    point, converged, iterations = search(LinearisedRows(system))
     usable = converged & ~np.any(_contradicted_priors(system, point), axis=-1)
     try:
         tested = score_tests_of_trials(*_whitened_candidates(system, point), system.basis)
@@ -285,7 +283,7 @@ def _spanned_at_statements(
 
 
 class LinearisedRows:
-    """Trials with explicit Jacobians, in the form that `inercal.estimation.search` needs."""
+    """Trials with explicit Jacobians, in the form that `gauss_newton_steps.search` needs."""
 
     def __init__(self, system: WhitenedProblem, loss: Cauchy | None = None):
         self._system, self._loss = system, loss
@@ -297,7 +295,7 @@ class LinearisedRows:
         self._linearised = system.first.residual, system.first.rows  # until a point is tried
 
     def cost(self, point: LinearisationPoint) -> Array:
-        """Return the cost of trial points; see `inercal.estimation.search.Trials`."""
+        """Return the cost of trial points; see `gauss_newton_steps.Trials`."""
         with np.errstate(over="ignore", invalid="ignore"):
             u = point.whitened
             u = u**2 if self._loss is None else self._loss.cost(u)
@@ -306,7 +304,7 @@ class LinearisedRows:
     def step(
         self, point: LinearisationPoint, damping: Array, active: Bools
     ) -> tuple[Array, Array, Bools]:
-        """Return the moves; see `inercal.estimation.search.Trials`."""
+        """Return the moves; see `gauss_newton_steps.Trials`."""
         some = slice(None) if active.all() else np.flatnonzero(active)
         rows, weight = (a if len(a) == 1 else a[some] for a in (point.rows, point.weight))
         u = point.whitened[some]
@@ -321,20 +319,20 @@ class LinearisedRows:
     def tried(
         self, x: Array, point: LinearisationPoint, active: Bools
     ) -> tuple[LinearisationPoint, Array]:
-        """Return a trial point and its cost; see `inercal.estimation.search.Trials`."""
+        """Return a trial point and its cost; see `gauss_newton_steps.Trials`."""
         self._linearised = self._system.evaluate(x)
         tried = self._system.point(x, *self._linearised, self._whitener)
         self._active = active
         return tried, self.cost(tried)
 
     def with_values(self, point: LinearisationPoint, x: Array, chosen: Bools) -> LinearisationPoint:
-        """Return the point with some values replaced; see `inercal.estimation.search.Trials`."""
+        """Return the point with some values replaced; see `gauss_newton_steps.Trials`."""
         return point._replace(x=np.where(chosen[:, None], x, point.x))
 
     def accepted(
         self, tried: LinearisationPoint, point: LinearisationPoint, chosen: Bools
     ) -> LinearisationPoint:
-        """Return the merged point; see `inercal.estimation.search.Trials`."""
+        """Return the merged point; see `gauss_newton_steps.Trials`."""
         system, x, chosen = self._system, tried.x, chosen & self._active
         x = x if chosen.all() else np.where(chosen[:, None], x, point.x)
         # If every trial stays at its point, keep the weights too: a model beyond its fold is slow.

@@ -14,10 +14,10 @@ from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.estimation import gauss_newton_steps, whitened_problem
 from inercal.estimation.fitting import LinearisedRows, estimate_at_solution
+from inercal.estimation.gauss_newton_steps import merge, search
 from inercal.estimation.nullspace import Observability, observability
 from inercal.estimation.problem import NormalEquations, Problem
 from inercal.estimation.result import OF_TRIALS, Estimate
-from inercal.estimation.search import merge, search
 
 # Not a power of two: arrays whose addresses are equal modulo the cache-way size would evict one
 # another.
@@ -30,7 +30,6 @@ _BLOCK_BYTES = 20e6  # of covariances and Jacobians; many parameters mean small 
 def least_squares_of_trials(
     trials: int,
     problem_of: Callable[[slice], Problem],
-    max_iterations: int = 200,
     *,
     refined: Callable[[slice, Estimate], Problem | None] | None = None,
 ) -> Estimate:
@@ -44,8 +43,6 @@ def least_squares_of_trials(
         Function from a slice to the problem of these trials, with a trials dimension. The problems
         differ only in numbers, and the first trial decides which directions count as observable, as
         in `least_squares`.
-    max_iterations : int, optional
-        Largest number of steps to try.
     refined : callable, optional
         Function from a slice and the estimate of these trials to the next problem to solve, for
         example with different noise. Its search starts at that estimate. None leaves the estimate
@@ -59,13 +56,11 @@ def least_squares_of_trials(
     single = slice(0, 1)
     one = whitened_problem.WhitenedProblem(problem_of(single))
     first, *others = _blocks(trials, one)
-    stages = [_Stage(max_iterations, bool(others)) for _ in range(2)]
-    next_problem = refined or _no_problem
+    stages = [_Stage(bool(others)) for _ in range(2)]
 
     def solve(part: slice) -> Estimate:
-        solved = stages[0].solve(part, problem_of(part), lambda: one)
-        then = next_problem(part, solved)
-        if then is None:
+        solved, next_problem = stages[0].solve(part, problem_of(part), lambda: one), refined
+        if next_problem is None or (then := next_problem(part, solved)) is None:
             return solved
         begun = replace(then, start=solved.value)
 
@@ -86,15 +81,11 @@ def least_squares_of_trials(
     return whole
 
 
-def _no_problem(part: slice, solved: Estimate) -> None:
-    """Return None, which leaves an estimate unchanged."""
-
-
 class _Stage:
     """A block-by-block solver for problems that share the structure of the first trial."""
 
-    def __init__(self, max_iterations: int, several: bool):
-        self._max_iterations, self._several = max_iterations, several
+    def __init__(self, several: bool):
+        self._several = several
         self._structure: Observability | None = None
         self._start: Array | None = None
 
@@ -106,7 +97,7 @@ class _Stage:
             return self._solve_from_others(part, problem, self._structure)
         one = first()
         structure = observability(one, one.first)
-        solved = _solve_block(problem, part, structure, self._max_iterations)
+        solved = _solve_block(problem, part, structure)
         if solved.converged[0]:
             # A coincidence at the solution, such as a parameter that is zero, may hide a direction
             # that the start shows.
@@ -124,14 +115,12 @@ class _Stage:
         """Return the estimate from a search that starts at other trials' mean, if it succeeds."""
         if self._start is not None:
             try:
-                solved = _solve_block(
-                    replace(problem, start=self._start), part, structure, self._max_iterations
-                )
+                solved = _solve_block(replace(problem, start=self._start), part, structure)
             except InputError:  # the model cannot be evaluated there in some trial
                 solved = None
             if solved is not None and solved.converged.all():
                 return solved
-        return _solve_block(problem, part, structure, self._max_iterations)
+        return _solve_block(problem, part, structure)
 
 
 def _common_start(problem: Problem, solved: Estimate) -> Array | None:
@@ -154,16 +143,14 @@ def _common_start(problem: Problem, solved: Estimate) -> Array | None:
     return mean if np.all(cost(mean) < cost(problem.start)) else None
 
 
-def _solve_block(
-    problem: Problem, part: slice, structure: Observability, max_iterations: int
-) -> Estimate:
+def _solve_block(problem: Problem, part: slice, structure: Observability) -> Estimate:
     trials = part.stop - part.start
     if problem.normal_equations is not None and trials > gauss_newton_steps.QR_MAX_TRIALS:
         packed = PackedTrials(problem, trials)
-        point, converged, iterations = search(packed, max_iterations)
+        point, converged, iterations = search(packed)
         return packed.estimate(point, structure, converged, iterations)
     system = whitened_problem.WhitenedProblem(problem)
-    at, converged, iterations = search(LinearisedRows(system), max_iterations)
+    at, converged, iterations = search(LinearisedRows(system))
     return estimate_at_solution(system, at, structure, converged, iterations)
 
 
@@ -213,7 +200,7 @@ class PackedPoint(NamedTuple):
 
 
 class PackedTrials:
-    """The trials of a problem in the form that `inercal.estimation.search` needs.
+    """The trials of a problem in the form that `inercal.estimation.gauss_newton_steps` needs.
 
     Parameters
     ----------
@@ -259,11 +246,11 @@ class PackedTrials:
         return PackedPoint(x, *found, self._target[which] - x @ self._prior_full.T)
 
     def cost(self, point: PackedPoint) -> Array:
-        """Return the cost at a point; see `inercal.estimation.search.Trials`."""
+        """Return the cost at a point; see `gauss_newton_steps.Trials`."""
         return _squares(point.whitened) + _squares(point.prior)
 
     def step(self, point: PackedPoint, damping: Array, active: Bools) -> tuple[Array, Array, Bools]:
-        """Return the moves; see `inercal.estimation.search.Trials`."""
+        """Return the moves; see `gauss_newton_steps.Trials`."""
         some = slice(None) if active.all() else np.flatnonzero(active)
         normal, gradient, prior = point.normal[some], point.gradient[some], point.prior[some]
         step = gauss_newton_steps.solve_packed(
@@ -272,7 +259,7 @@ class PackedTrials:
         return gauss_newton_steps.moves(step, self.basis, point.x, some)
 
     def tried(self, x: Array, point: PackedPoint, active: Bools) -> tuple[PackedPoint, Array]:
-        """Return a trial point and its cost; see `inercal.estimation.search.Trials`."""
+        """Return a trial point and its cost; see `gauss_newton_steps.Trials`."""
         which = np.flatnonzero(active)
         tried = self._point(x[which], which)
         if len(which) < len(active):
@@ -285,11 +272,11 @@ class PackedTrials:
         return tried, _squares(point.weight * tried.residual) + _squares(tried.prior)
 
     def with_values(self, point: PackedPoint, x: Array, chosen: Bools) -> PackedPoint:
-        """Return the point with some values replaced; see `inercal.estimation.search.Trials`."""
+        """Return the point with some values replaced; see `gauss_newton_steps.Trials`."""
         return point._replace(x=np.where(chosen[:, None], x, point.x))
 
     def accepted(self, tried: PackedPoint, point: PackedPoint, chosen: Bools) -> PackedPoint:
-        """Return the merged point; see `inercal.estimation.search.Trials`."""
+        """Return the merged point; see `gauss_newton_steps.Trials`."""
         return tried if chosen.all() else PackedPoint(*merge(chosen, tried, point))
 
     def estimate(

@@ -17,7 +17,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotInvertible
 from inercal.calibration import Calibration
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.export.model import ExportModel
 from inercal.export.ranges import Ranges, sample_motions
 from inercal.export.target_definition import Rendering, Target

@@ -10,8 +10,7 @@ import numpy as np
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.basics.visible_text import visible_text
 from inercal.calibration import Calibration
-from inercal.calibration.files import calibration_object
-from inercal.calibration.outdated import OUTDATED
+from inercal.calibration.files import OUTDATED, calibration_object
 from inercal.export.cost import Cost, Loss, Samples
 from inercal.export.model import UNMEASURED, ExportModel
 from inercal.export.ranges import NAMES, Ranges

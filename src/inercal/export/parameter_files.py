@@ -15,7 +15,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.export.reader_definition import REFERENCE, StatedCalibration, StatedTriad
+from inercal.export.target_definition import REFERENCE, StatedCalibration, StatedTriad
 
 _COMMENT = re.compile(r"#|//")
 _BETWEEN = re.compile(r"[\s,;=:]+")

@@ -30,8 +30,12 @@ from inercal.basics.small_files import read_small_file
 from inercal.basics.units import si_factor
 from inercal.calibration import Calibration
 from inercal.export.model import parse_axes
-from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
-from inercal.export.target_definition import resolve_options
+from inercal.export.target_definition import (
+    CalibrationReader,
+    StatedCalibration,
+    StatedTriad,
+    resolve_options,
+)
 from inercal.export.term_kinds import temperature_order, term_kind
 from inercal.physics import frames
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
@@ -46,8 +50,8 @@ READERS: Registry[CalibrationReader] = Registry(
             "imu_tk": "triads:IMU_TK_READER",
             "imucal": "triads:IMUCAL_READER",
             "kalibr": "kalibr:READER",
-            "basalt": "basalt:READER",
-            "realsense": "realsense:READER",
+            "basalt": "camera_files:BASALT_READER",
+            "realsense": "camera_files:REALSENSE_READER",
             "px4": "px4:READER",
             "ardupilot": "ardupilot:READER",
             "inav": "whole_counts:INAV_READER",

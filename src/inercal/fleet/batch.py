@@ -12,13 +12,12 @@ from pathlib import Path
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
 
-from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InercalError
-from inercal.basics.parallel.steps import begin_step
+from inercal.basics.parallel.executor import begin_step
+from inercal.basics.process_settings import with_one_thread
 from inercal.fleet import results
-from inercal.fleet.inputs import INSTALLED
+from inercal.fleet.inputs import INSTALLED, Version, is_address, local_copy
 from inercal.fleet.line import GROUPS, Line, SensorRow
-from inercal.fleet.recordings import Version, is_address, local_copy
 from inercal.recordings.io.column_table import file_sha256
 
 if TYPE_CHECKING:

@@ -12,10 +12,9 @@ from inercal.basics.errors import InercalError, InputError
 from inercal.basics.parallel import Settled, TimeExceeded, TolerantExecutor, WorkerLost
 from inercal.fleet import results
 from inercal.fleet.batch import BatchDone, Work, compute_batch, failed_row
-from inercal.fleet.inputs import line_inputs
+from inercal.fleet.inputs import ABSENT, line_inputs
 from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import Line
-from inercal.fleet.recordings import ABSENT
 from inercal.fleet.results import ResultWriter
 from inercal.fleet.time_limit import TimeLimit
 

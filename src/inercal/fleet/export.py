@@ -12,9 +12,8 @@ from inercal.basics.atomic_files import atomic_write, atomic_write_all, make_fol
 from inercal.basics.errors import InputError
 from inercal.basics.visible_text import spreadsheet_cell
 from inercal.calibration import Calibration
-from inercal.calibration.files import parse
-from inercal.calibration.outdated import marked_as_outdated
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.calibration.files import marked_as_outdated, parse
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_results, latest_rows_by_part
 from inercal.fleet.line import RECORDING, Line, SensorRow

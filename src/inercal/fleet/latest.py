@@ -13,8 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inercal.calibration.files import parse
-from inercal.calibration.outdated import OUTDATED
+from inercal.calibration.files import OUTDATED, parse
 from inercal.fleet.inputs import COMPARED, SensorInputs, line_inputs, result_difference
 from inercal.fleet.line import Line
 from inercal.fleet.results import DONE, Table, part_paths, read_part, schema

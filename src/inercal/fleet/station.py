@@ -12,9 +12,8 @@ from inercal.basics.parallel import SerialExecutor, TimeExceeded, TolerantExecut
 from inercal.calibration.files import parse
 from inercal.fleet import results
 from inercal.fleet.batch import Work, failed_row, result_row
-from inercal.fleet.inputs import COMPARED, sensor_inputs
+from inercal.fleet.inputs import COMPARED, Version, is_address, sensor_inputs, version_of
 from inercal.fleet.line import BARCODE, ID, Line, SensorRow
-from inercal.fleet.recordings import Version, is_address, version_of
 from inercal.fleet.time_limit import TimeLimit
 from inercal.recordings.io.column_table import file_sha256
 

@@ -30,7 +30,7 @@ from inercal.host.assembly.poll_record import CLOCK_LOST
 from inercal.host.assembly.reading_plausibility import ReadingPlausibility
 from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR, RatePlausibility
 from inercal.host.clock import Clock, HostUptime, MonotonicClock, SimulatedClock, read_host_uptime
-from inercal.host.drivers.rotary_table import TableFault, TableState
+from inercal.host.drivers.rotary_table import TableFault, TableState, pack_state
 from inercal.host.further_imus import FurtherImus
 from inercal.host.guard import Guard
 from inercal.host.imu_port import ImuReceiver
@@ -52,7 +52,6 @@ from inercal.host.spin_sequencer import (
 )
 from inercal.host.table_driver import READ_TIMEOUT, TableDriver
 from inercal.host.table_lock import TableLock
-from inercal.host.table_state_codec import pack_state
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions, host_plan
 
 SHOW_INTERVAL = 0.2  # s of wall time between two updates of the display

@@ -21,8 +21,7 @@ import numpy as np
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.attitude import earth_rate_level_frame, reference_attitude
-from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
+from inercal.benches.turntable.bench import MAX_GAP_SECONDS, Turntable
 from inercal.estimation.kernel_options import njit
 from inercal.host.assembly import SampleBlock
 from inercal.host.tasks import required_rate

@@ -6,7 +6,7 @@ from dataclasses import replace
 from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.motion_control import ControlledBench, SpinTask, Task
 from inercal.benches.turntable import is_turntable
-from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS, settling_time
+from inercal.benches.turntable.bench import COARSE_REST_SECONDS, settling_time
 from inercal.host.drivers.rotary_table import AxisLimits
 from inercal.host.packets import PacketLayout
 from inercal.host.tasks import RunOptions

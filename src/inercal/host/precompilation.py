@@ -21,12 +21,11 @@ from inercal.benches.turntable import Turntable, require_turntable
 from inercal.estimation import Gaussian
 from inercal.estimation.kernel_options import compile_beside
 from inercal.host.assembly import SampleAssembler
-from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
+from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState, pack_state
 from inercal.host.interlocks import Interlocks
 from inercal.host.live_estimator import Navigator, is_whole_imu
 from inercal.host.packets import PacketLayout, encode
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
-from inercal.host.table_state_codec import pack_state
 from inercal.physics.quantities import Measures
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Track

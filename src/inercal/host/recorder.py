@@ -18,14 +18,13 @@ from inercal.basics.errors import InercalError
 from inercal.benches.turntable import require_turntable
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.clock import HostUptime, read_host_uptime
-from inercal.host.drivers.rotary_table import RotaryTable
+from inercal.host.drivers.rotary_table import RotaryTable, unpack_states
 from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator, NavigationSolution, Navigator, is_whole_imu
 from inercal.host.packets import PacketLayout
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import CHAMBER, EVENT, IMU, TABLE, LogFrame, RunLog, read_frames
 from inercal.host.sequencer import SectionEvent
-from inercal.host.table_state_codec import unpack_states
 
 # Bench time of the data that are processed at once, s. It is also the interval between comparisons
 # of gyros and table.

@@ -22,9 +22,9 @@ from inercal.basics.errors import InputError, require_extra, require_installed
 from inercal.benches.turntable.reading import host_readback
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.assembly.table_polls import POLL_INTERVAL
+from inercal.host.drivers.rotary_table import unpack_states
 from inercal.host.packets import PacketLayout
 from inercal.host.run_log import CHAMBER, EVENT, IMU, TABLE, file_sha256, read_frames
-from inercal.host.table_state_codec import unpack_states
 from inercal.host.tasks import has_soaks
 from inercal.physics.section_settings import key_error
 from inercal.recordings import AngleQuality

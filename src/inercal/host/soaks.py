@@ -27,8 +27,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InercalError, InputError
 from inercal.basics.units import ZERO_CELSIUS, format_duration
-from inercal.host.chamber_port import ChamberPort
-from inercal.host.equipment import ChamberState, open_chamber
+from inercal.host.equipment import ChamberPort, ChamberState, open_chamber
 from inercal.host.packets import PacketLayout
 from inercal.host.tasks import has_soaks, host_plan
 from inercal.physics.section_settings import key_error

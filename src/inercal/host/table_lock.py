@@ -23,7 +23,7 @@ from tempfile import gettempdir
 
 from inercal.basics.closeable import Closeable, on_failure
 from inercal.basics.errors import InputError
-from inercal.basics.system_user import user_name
+from inercal.basics.process_settings import user_name
 from inercal.host.addresses import table_places
 from inercal.host.run_log import lock_file, os_errors_as_input_errors
 

@@ -41,7 +41,7 @@ from inercal.methods.magnetic_field.stage import (
 )
 from inercal.methods.multi_position.attitude_coverage import hand_held_plan
 from inercal.methods.multi_position.rest_links import BetweenNodes, between_nodes
-from inercal.methods.tests_of_priors import with_tests_of_priors
+from inercal.methods.order_effects import with_tests_of_priors
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.frames import exp_so3
 from inercal.physics.sensors import Sensor

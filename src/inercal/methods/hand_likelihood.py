@@ -115,7 +115,7 @@ def _moments_of_trials(
     eta: Array, place: Indices, spread: Array, index: Indices, rows: Indices, r: int
 ) -> Curvature:
     """Return the same as `_moments`, but with compiled code."""
-    from inercal.methods._curvature_kernel import second_order_moments
+    from inercal.methods.residuals._row_operations import second_order_moments
 
     trials, (_, m, _, _) = len(eta), place.shape
     result = Curvature(np.zeros((trials, r, m)), np.zeros((trials, r * m, r * m)))

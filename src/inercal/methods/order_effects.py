@@ -42,8 +42,18 @@ from inercal.basics.units import format_value_and_uncertainty
 from inercal.benches import Hand
 from inercal.benches.hand.bench import visit_number
 from inercal.calibration.detectability import CRITICAL_SHIFT, DETECTABLE_NORM
-from inercal.estimation import Estimate, ModelTest, Problem, least_squares
-from inercal.methods import Fit, Remarks
+from inercal.estimation import (
+    Estimate,
+    ModelTest,
+    Problem,
+    ScoreTestSet,
+    least_squares,
+    score_tests,
+)
+from inercal.estimation.candidate_scores import rows_from_products
+from inercal.estimation.lazy_value import LazyValue
+from inercal.methods import Fit, Priors, Remarks
+from inercal.methods.candidates import prior_candidates
 from inercal.methods.observability import NOISE_ONLY_NOTE
 from inercal.physics.plan import Hold, Turn
 from inercal.physics.quantities import QUANTITIES
@@ -244,3 +254,38 @@ def _size_text(sensor: Sensor, one: _Pattern, size: float) -> str:
     """Return a size in the unit of the axis's bias."""
     line = _bias(sensor, one)
     return f"{format_value_and_uncertainty(0.0, size / line.si)[1]} {line.unit}"
+
+
+# Share of a prior's information; with less from the data, rounding would decide a test of the prior
+_LEAST_INFORMATION = 1e-6
+
+
+def with_tests_of_priors(estimate: Estimate, sensor: Sensor, priors: Priors) -> Estimate:
+    """Return an estimate that has no score tests, such as from a filter, with those of priors.
+
+    With the prior N(μ, S), and the estimate x̂ with covariance P, the products of
+    `rows_from_products` are S⁻¹ − S⁻¹ P S⁻¹ and S⁻¹ (x̂ − μ). A prior that is wrong by δ shifts
+    the estimate by −P S⁻¹ δ.
+    """
+    if not priors:
+        return estimate
+    roots, targets = zip(*(prior.rows(estimate.names) for prior in priors), strict=True)
+    root = np.concatenate(roots)
+    inverse, moved = root.T @ root, estimate.covariance @ root.T @ root
+    gram = inverse - inverse @ moved
+    decided = np.diagonal(gram) < _LEAST_INFORMATION * np.diagonal(inverse)  # by the priors
+    gram[decided], gram[:, decided] = 0.0, 0.0
+    product = root.T @ (root @ estimate.value - np.concatenate(targets))
+    residual, rows = rows_from_products(gram, np.where(decided, 0.0, product))
+    column = dict(zip(estimate.names, rows.T, strict=True))
+    found = [
+        replace(one, moved=moved @ one.moved)
+        for one in prior_candidates(sensor, estimate.names, priors, column)
+        if one.moved is not None
+    ]
+
+    def tested() -> ScoreTestSet:
+        scores = score_tests(residual, np.zeros((len(residual), 0)), found)
+        return replace(scores, chi2=float(estimate.chi2), dof=estimate.dof)
+
+    return replace(estimate, scoring=LazyValue(tested))

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InputError
+from inercal.basics.process_settings import with_one_thread
 from inercal.basics.units import format_duration, format_quantity, si_factor
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.noise import channel_noise
 from inercal.noise.channel_model import ChannelSummary, conclude, selection_with_filter
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, SensorKind

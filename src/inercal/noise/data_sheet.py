@@ -24,7 +24,7 @@ from inercal.basics.units import (
     format_value_and_uncertainty,
     si_factor,
 )
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.noise.channel_noise import QUANTITIES, ChannelNoise, NoiseAnalysis, coefficient_unit
 from inercal.noise.sensor_noise import (
     SensorNoise,

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InputError
+from inercal.basics.process_settings import with_one_thread
 from inercal.basics.units import si_factor
 from inercal.noise.analysis import candidate_models
 from inercal.noise.channel_model import ChannelSummary, conclude

@@ -11,7 +11,7 @@ from inercal.basics.units import (
     format_quantity,
     format_value_and_uncertainty,
 )
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, NoiseCoefficient
 from inercal.noise.coefficients import length_for
 from inercal.noise.disturbances import Disturbance

@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from inercal.basics.blas_threads import with_one_thread
+from inercal.basics.process_settings import with_one_thread
 from inercal.pipeline.correction import apply, load_recording
 from inercal.pipeline.outcome import Outcome
 from inercal.pipeline.run_arguments import drafted_run, stated_run

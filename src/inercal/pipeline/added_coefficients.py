@@ -14,9 +14,9 @@ Temperature coefficients are never added; [method] temperature_order chooses the
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-from inercal.calibration.additions import Addition
 from inercal.calibration.best_cause import SuspectedCause, familywise_p_value
 from inercal.calibration.detectability import coefficient_definition
+from inercal.calibration.explanation import Addition
 from inercal.calibration.grade import assess
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL, chi2_tail_probability
 from inercal.pipeline.advisor import RunAdvisor, wald_statistic

@@ -14,8 +14,8 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from inercal.basics.arrays import Array
-from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InputError
+from inercal.basics.process_settings import with_one_thread
 from inercal.basics.units import format_count
 from inercal.physics.sensors import Sensor
 from inercal.pipeline.run_arguments import stated_run

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError, NotInvertible
 from inercal.calibration import Calibration
-from inercal.calibration.corrected_motion import channel_columns, corrected_motion
-from inercal.calibration.validity import temperatures_outside
+from inercal.calibration.validity import channel_columns, corrected_motion, temperatures_outside
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS
 from inercal.physics.sensors.inverse import SINGULAR_TEXT

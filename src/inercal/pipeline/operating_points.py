@@ -19,7 +19,7 @@ from inercal.basics.units import format_number, format_value_and_uncertainty, si
 from inercal.basics.units.expression import ZERO_CELSIUS
 from inercal.calibration import Calibration
 from inercal.calibration.prediction import SHOWN, Prediction, calibration_temperature
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.section_settings import si_value
 from inercal.recordings.io.read import read_table

@@ -14,8 +14,8 @@ from inercal.benches.characteristics import Characteristic
 from inercal.benches.kind_definition import Kind
 from inercal.benches.report_data import Plot, ReportInput
 from inercal.calibration import Calibration
-from inercal.calibration.additions import Addition
 from inercal.calibration.display import to_html
+from inercal.calibration.explanation import Addition
 from inercal.calibration.grade import Verdict
 from inercal.estimation import Estimate
 from inercal.methods import Remarks

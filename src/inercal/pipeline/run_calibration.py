@@ -10,10 +10,10 @@ from inercal.basics.errors import InercalError, InputError, NotObserved, error_l
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches import Bench
 from inercal.calibration import Calibration
-from inercal.calibration.additions import additions_text, doubtful_additions
 from inercal.calibration.best_cause import also as also_change
 from inercal.calibration.best_cause import changes_text
 from inercal.calibration.check_standard import CHECK_STANDARD
+from inercal.calibration.explanation import additions_text, doubtful_additions
 from inercal.calibration.verdict import verdict
 from inercal.estimation import Estimate
 from inercal.methods import Fit

@@ -29,10 +29,10 @@ from inercal.benches import Bench
 from inercal.benches.qualification.joint_prior import joint_prior
 from inercal.calibration import SharedError
 from inercal.estimation import Estimate
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.earth import COMPUTED_GRAVITY_SD
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.coefficient_words import coefficient_words
+from inercal.physics.sensors.coefficient_selection import coefficient_words
 from inercal.runfile import Run
 
 

@@ -4,15 +4,18 @@ A `Recording` is in the sensor's output units; `Observations` are in SI units. B
 axes for trials, `(..., n, m)`. All trials have the same times and labels.
 """
 
-from inercal.recordings.findings import Finding, Severity, merge_findings, merge_messages
 from inercal.recordings.observations import Observations, Transitions, join_observations
 from inercal.recordings.rounding_errors import ReadingSteps, RoundedChannel, add_rounding
 from inercal.recordings.samples import (
     GAP_FACTOR,
     STAMP_ROUNDING,
+    Finding,
     Indices,
     Mark,
     Recording,
+    Severity,
+    merge_findings,
+    merge_messages,
     sample_count,
 )
 from inercal.recordings.temperature import ahead_of_lag, temperature_rate

@@ -14,7 +14,7 @@ from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import require_extra, require_installed
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration import Calibration
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.sensors import Sensor
 from inercal.pipeline import Outcome
 from inercal.pipeline.outcome import InspectedRecording
@@ -167,7 +167,7 @@ def noise_history_page(sensor: "SensorEntry", noise: "Sequence[NoiseEntry]") -> 
         matplotlib or jinja2 is missing.
     """
     with _extras():
-        from inercal.report.noise_history_section import noise_history_page as noise_page
+        from inercal.report.sensor_history_page import noise_history_page as noise_page
     return noise_page(sensor, noise)
 
 
@@ -329,7 +329,7 @@ def write_prediction(
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.prediction_page import prediction_page
+        from inercal.report.budget_page import prediction_page
     return write_text(path, prediction_page(calibration, found, name))
 
 

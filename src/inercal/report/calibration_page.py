@@ -41,8 +41,8 @@ from inercal.basics.units import (
     format_duration,
     format_value_and_uncertainty,
 )
-from inercal.calibration.temperature_curves import TemperatureCurve, temperature_curves
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.calibration.display import TemperatureCurve, temperature_curves
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.pipeline.temperature_fit import SoakLeftOut
 from inercal.pipeline.temperature_orders import OrderTest
 from inercal.report import drawing

@@ -21,7 +21,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from inercal.benches.report_data import Plot, Series
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 
 INK, MUTED, FAINT, BAND = "#010a01", "#010a02", "#010a03", "#010a04"
 X, Y, Z = "#010a05", "#010a06", "#010a07"

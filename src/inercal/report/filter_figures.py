@@ -17,7 +17,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.benches import Turntable
 from inercal.estimation import FilterHistory, SmoothedStates
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.sensors import G0, Sensor
 from inercal.pipeline import Outcome
 from inercal.recordings import Track

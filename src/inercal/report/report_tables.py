@@ -15,8 +15,7 @@ from inercal.basics.units import format_number, format_value_and_uncertainty
 from inercal.calibration.best_cause import familywise_p_value
 from inercal.calibration.suspect_text import format_component, p_value_text
 from inercal.estimation import Estimate, ScoreTest
-from inercal.estimation.uncertainty import value_and_jacobian
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE, value_and_jacobian
 from inercal.physics.magnetism import axis_names, field_matrix, level_attitudes, split_matrix
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0

@@ -10,8 +10,7 @@ from tests.base_seeds import evidence
 from tests.host.chamber.simulated_f4t import SimulatedF4t
 from tests.refusals import refused
 
-from inercal.host.driver_check import CheckResult, check_driver
-from inercal.host.driver_check.instrument_checks import CHAMBER_CHECKS
+from inercal.host.driver_check import CHAMBER_CHECKS, CheckResult, check_driver
 from inercal.host.drivers.scpi_chamber import ScpiChamber, open_scpi_chamber
 from inercal.host.equipment import CHAMBERS, ChamberState
 from inercal.host.link import LinkLost, open_link
@@ -173,6 +172,7 @@ def test_the_driver_of_the_f4t_passes(unit: int):
     assert failed(results) == set(), results
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "form", ["scpi-chamber://127.0.0.1:{}", evidence("scpi-chamber:tcp://localhost:{}")]
 )
@@ -205,6 +205,7 @@ SIMULATOR_FAULTS: dict[str, Callable[[Any], None]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SIMULATOR_FAULTS)
 def test_a_fault_of_the_simulator_is_found(name: str):
     with served(SimulatedScpiChamber()) as server:

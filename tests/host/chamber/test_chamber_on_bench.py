@@ -21,6 +21,7 @@ from inercal.runfile import read
 MIMU = Path(__file__).parents[3] / "examples" / "turntable" / "mimu.toml"
 
 
+@pytest.mark.slow
 def test_the_chamber_of_a_simulated_bench_runs_on_the_time_that_the_host_grants():
     pace = GrantedClock(1e9)
     device = BenchDevice(draw_errors(read(MIMU), 1))

@@ -5,6 +5,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import pytest
+
 from inercal.host.driver_check import check_driver
 from inercal.host.equipment import CHAMBERS, open_chamber
 from inercal.host.sim.server import SimulatorServer, SteppingClock
@@ -19,6 +21,7 @@ def module(name: str) -> Any:
     return made
 
 
+@pytest.mark.slow
 def test_the_oven_passes_all_checks():
     with (
         CHAMBERS.with_("oven", module("oven").open_oven),

@@ -236,6 +236,7 @@ def program_files(tmp_path: Path) -> tuple[str, str]:
     return str(tmp_path / "imu.calibration.json"), str(run.path)
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_with_a_summary_and_status_0(tmp_path: Path):
     command = [sys.executable, "-m", "inercal", "apply", *program_files(tmp_path), "--stream", "-"]
     with subprocess.Popen(
@@ -251,6 +252,7 @@ def test_ctrl_c_ends_with_a_summary_and_status_0(tmp_path: Path):
     assert said.decode().startswith("inercal: 7 samples, 0 flagged, 1 malformed, 0 missing, 0 lost")
 
 
+@pytest.mark.slow
 def test_a_closed_pipe_ends_the_program_quietly(tmp_path: Path):
     source = tmp_path / "long.csv"
     source.write_text("".join(lines(20_000)), encoding="utf-8")

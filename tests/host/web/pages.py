@@ -20,8 +20,8 @@ from inercal.host.tasks import RunOptions
 from inercal.host.web.access import Access
 from inercal.host.web.device_catalogue import DeviceCatalogue
 from inercal.host.web.hub import Hub
+from inercal.host.web.json_objects import RefusalLog
 from inercal.host.web.plans import Plans
-from inercal.host.web.refusal_log import RefusalLog
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import ProcessRequest, RunRequest
 from inercal.host.web.runs import Runs

@@ -10,6 +10,7 @@ TOKEN = "correct horse battery"
 EVIL = "http://evil.example"
 
 
+@pytest.mark.slow
 def test_a_websocket_of_another_origin_is_refused(served: Served, watched: Page):
     for origin in (EVIL, "null", None, "http://127.0.0.1:1", "https://x"):
         with pytest.raises(InvalidStatus) as refusal:
@@ -18,6 +19,7 @@ def test_a_websocket_of_another_origin_is_refused(served: Served, watched: Page)
     served.was_refused("origin")
 
 
+@pytest.mark.slow
 def test_what_another_site_posts_is_refused(served: Served, watched: Page):
     for origin in (EVIL, "null", ""):
         answer = served.ask("/api/probe", "POST", b"{}", {"Origin": origin})
@@ -34,6 +36,7 @@ def test_what_a_page_from_elsewhere_has_the_browser_fetch_is_refused(served: Ser
     assert served.ask("/", headers={"Sec-Fetch-Site": site}).status == 200  # a link to the page
 
 
+@pytest.mark.slow
 def test_a_name_that_was_made_to_lead_here_is_refused(served: Served, watched: Page):
     host = f"evil.example:{served.port}"
     for path in ("/", "/api/setup", "/static/page.js"):
@@ -89,6 +92,7 @@ def test_who_has_shown_the_token_is_let_in(tmp_path: Path):
         assert refusal.value.response.status_code == 403
 
 
+@pytest.mark.slow
 def test_two_servers_of_one_host_are_open_in_one_browser(tmp_path: Path):
     folders = tmp_path / "one", tmp_path / "other"
     for folder in folders:

@@ -45,6 +45,7 @@ def crowd(served: Served, count: int, cookies: Mapping[str, str] | None = None) 
         yield taken
 
 
+@pytest.mark.slow
 def test_slow_bodies_delay_nobody_elses_request(served: Served, watched: Page):
     with slow_posts(served, SLOW_POSTS):
         for path in ("/", "/api/setup", "/static/main.js") * 3:
@@ -54,6 +55,7 @@ def test_slow_bodies_delay_nobody_elses_request(served: Served, watched: Page):
         served.was_refused("or it was the oldest of more than")
 
 
+@pytest.mark.slow
 def test_connections_that_ask_nothing_delay_nobody(served: Served, watched: Page):
     opened = sockets(served.port, MAX_CONNECTIONS + 50)
     try:
@@ -67,6 +69,7 @@ def test_connections_that_ask_nothing_delay_nobody(served: Served, watched: Page
             one.close()
 
 
+@pytest.mark.slow
 def test_a_body_without_the_token_is_not_waited_for(tmp_path: Path):
     with Served(tmp_path, TOKEN) as served:
         for path in ("/api/probe", "/api/stop", "/x"):
@@ -78,6 +81,7 @@ def test_a_body_without_the_token_is_not_waited_for(tmp_path: Path):
             assert served.ask("/token", "POST", f"token={TOKEN}".encode()).status == 303
 
 
+@pytest.mark.slow
 def test_one_client_with_all_places_gives_way_to_the_operator_and_to_others(served: Served):
     mine, theirs = served.viewer("mine"), served.viewer("theirs")
     for cookies in (theirs, None, {f"inercal-viewer-{served.port}": "of-its-own-choice"}):
@@ -97,6 +101,7 @@ def test_one_client_with_all_places_gives_way_to_the_operator_and_to_others(serv
     served.was_refused("its place was given to another client")
 
 
+@pytest.mark.slow
 def test_the_page_that_operates_gives_way_to_nobody(served: Served, watched: Page):
     """Its client has most places, and each of another client takes one of the others of it."""
     with crowd(served, MAX_VIEWERS) as taken, ExitStack() as stack:
@@ -110,6 +115,7 @@ def test_the_page_that_operates_gives_way_to_nobody(served: Served, watched: Pag
         assert len(served.hub.people.viewers) == MAX_VIEWERS
 
 
+@pytest.mark.slow
 def test_clients_of_equally_many_places_do_not_drive_each_other_out(served: Served):
     browsers = [served.viewer(f"browser {k}") for k in range(MAX_VIEWERS + 1)]
     with ExitStack() as stack:
@@ -121,6 +127,7 @@ def test_clients_of_equally_many_places_do_not_drive_each_other_out(served: Serv
         assert (answer.status, "no active run" in answer.json["words"]) == (409, True)
 
 
+@pytest.mark.slow
 def test_a_stop_needs_no_websocket(served: Served):
     with served.page() as page:
         page.operate()

@@ -175,6 +175,7 @@ def strict(schemas: dict[str, Any]) -> dict[str, Any]:
     return {"components": {"schemas": schemas | own}}
 
 
+@pytest.mark.slow
 def test_the_description_is_valid_openapi_and_has_every_command(told: Told):
     description = told.read("/api/openapi.json")
     validate(description)

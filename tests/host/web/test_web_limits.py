@@ -25,6 +25,7 @@ from inercal.recordings import Recording
 HUGE = 100_000_000  # bytes
 
 
+@pytest.mark.slow
 def test_a_body_of_100_megabytes_is_refused_before_it_is_read(served: Served, watched: Page):
     own = f"Host: {served.host}\r\nOrigin: http://{served.host}\r\n"
     for head, chunk in (
@@ -44,6 +45,7 @@ def test_a_body_of_100_megabytes_is_refused_before_it_is_read(served: Served, wa
     served.wait(lambda: sum("the body is longer than" in line for line in served.refused) == 2)
 
 
+@pytest.mark.slow
 def test_a_body_that_does_not_come_is_not_waited_for(
     served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
 ):
@@ -79,6 +81,7 @@ def test_of_1000_sockets_most_are_closed_and_the_viewers_there_stay(served: Serv
         page.until("samples")
 
 
+@pytest.mark.slow
 def test_a_socket_that_asks_nothing_is_closed(
     served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
 ):
@@ -90,6 +93,7 @@ def test_a_socket_that_asks_nothing_is_closed(
     served.was_refused("did not ask anything")
 
 
+@pytest.mark.slow
 def test_a_request_whose_answer_takes_too_long_is_closed_and_a_viewer_stays(
     served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
 ):
@@ -110,6 +114,7 @@ def test_nothing_of_the_web_servers_inner_protocol_is_subclassed(served: Served)
     assert used.__module__.startswith("uvicorn.")
 
 
+@pytest.mark.slow
 def test_more_viewers_than_there_may_be_are_refused_and_may_come_later(
     served: Served, watched: Page
 ):
@@ -127,6 +132,7 @@ def test_more_viewers_than_there_may_be_are_refused_and_may_come_later(
         page.until("samples")
 
 
+@pytest.mark.slow
 def test_messages_that_are_bytes_or_too_long_or_too_many_end_the_connection(
     served: Served, watched: Page
 ):
@@ -144,6 +150,7 @@ def test_messages_that_are_bytes_or_too_long_or_too_many_end_the_connection(
     served.was_refused("more than 20 messages per second")
 
 
+@pytest.mark.slow
 def test_frames_that_are_none_end_the_connection(served: Served, watched: Page):
     key = "dGhlIHNhbXBsZSBub25jZQ=="
     head = (
@@ -192,6 +199,7 @@ def test_histories_that_hang_keep_nobody_else_waiting_and_few_of_them_wait(
     assert served.ask("/history/1").status == 200
 
 
+@pytest.mark.slow
 def test_a_history_is_drawn_again_only_where_the_register_holds_something_else(
     served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -215,6 +223,7 @@ def test_a_history_is_drawn_again_only_where_the_register_holds_something_else(
     assert drawn == [3, 4, 4]
 
 
+@pytest.mark.slow
 def test_the_history_of_a_sensor_without_calibrations_is_its_noise(served: Served):
     with Register(served.register) as register:
         register.enter_noise(noise_of_white_gyros(), "gyro 7", "2026-03-01")
@@ -250,6 +259,7 @@ def test_the_files_of_the_page_are_small_over_a_slow_link(served: Served):
     assert sent < 20 * 4000
 
 
+@pytest.mark.slow
 def test_what_is_refused_is_said_on_one_line_each_and_not_too_often(served: Served, watched: Page):
     for k in range(60):
         served.ask(f"/no%0a%1b[31m{k}")

@@ -117,6 +117,7 @@ def journal(folder: Path, session: str) -> list[tuple[str, str]]:
         return [(event.level, event.words) for event in opened.events()]
 
 
+@pytest.mark.slow
 def test_one_operates_by_hand_and_no_run_begins_meanwhile(tmp_path: Path, table: WatchedTable):
     with Served(tmp_path) as served, served.page() as page, served.page() as other:
         session = begin(page, table)
@@ -170,6 +171,7 @@ def test_any_viewer_stops_the_table_by_the_watchdog(tmp_path: Path, table: Watch
         assert stopped_since(table, last) < STOP
 
 
+@pytest.mark.slow
 def test_of_a_table_that_is_not_there_nothing_is_kept(tmp_path: Path):
     with Served(tmp_path) as served, served.page() as page:
         page.operate()

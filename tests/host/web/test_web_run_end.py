@@ -46,6 +46,7 @@ def failed(order: RunRequest, publisher: Publisher) -> str:
     return str(error.value)
 
 
+@pytest.mark.slow
 def test_a_new_run_whose_devices_are_not_there_is_not_begun(
     order: RunRequest, publisher: Publisher
 ):
@@ -56,6 +57,7 @@ def test_a_new_run_whose_devices_are_not_there_is_not_begun(
     assert not Path(order.folder).exists()
 
 
+@pytest.mark.slow
 def test_packets_without_a_temperature_are_refused_where_it_is_to_be_watched(
     order: RunRequest, publisher: Publisher
 ):

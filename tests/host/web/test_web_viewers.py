@@ -398,6 +398,7 @@ def test_limits_that_the_server_was_given_are_those_of_each_run(tmp_path: Path):
     assert [order.options for order in orders] == [options]
 
 
+@pytest.mark.slow
 def test_who_comes_late_is_told_how_the_run_stands_and_then_what_was_before(
     served: Served, ada: Page
 ):

@@ -67,7 +67,7 @@ def open_executor(
         return _open_cluster(scheduler, workers)
     if (number := _processes(workers)) == 1:
         return SerialExecutor()
-    from inercal.basics.parallel.process_executor import ProcessExecutor
+    from inercal.basics.parallel.isolated_executor import ProcessExecutor
 
     return ProcessExecutor(number, at_once=workers is not None, modules=modules)
 

@@ -13,13 +13,15 @@ from typing import Any
 
 from inercal.basics.errors import InercalError, InputError, require_installed
 from inercal.basics.parallel.executor import (
+    LOOK,
+    AwakeClock,
     Settled,
     Task,
     TimeExceeded,
     TolerantExecutor,
     WorkerLost,
+    reported_steps,
 )
-from inercal.basics.parallel.steps import LOOK, AwakeClock, reported_steps
 
 _LOGGERS = ("distributed", "distributed.client", "distributed.utils", "distributed.core")
 _ADDRESS = re.compile(r"(tcp|tls)://([^\s/:@\[\]]+|\[[0-9a-fA-F:.%]+\]):(?P<port>\d{1,5})")

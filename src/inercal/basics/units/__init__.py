@@ -11,15 +11,17 @@ text with units. Three choices differ from a general units library:
 """
 
 from inercal.basics.units.expression import ZERO_CELSIUS, si_factor, to_si
-from inercal.basics.units.formatting import (
+from inercal.basics.units.quantity import (
+    LARGEST_NUMBER,
+    Measured,
     format_count,
     format_duration,
     format_interval,
     format_number,
     format_quantity,
     format_value_and_uncertainty,
+    parse_quantity,
 )
-from inercal.basics.units.quantity import LARGEST_NUMBER, Measured, parse_quantity
 
 __all__ = [
     "LARGEST_NUMBER",

@@ -20,9 +20,8 @@ from inercal.benches.report_data import MeasuredDirection, ReportInput, measured
 from inercal.benches.stated_axes import any_axes
 from inercal.benches.turntable import simulation
 from inercal.benches.turntable.attitude import reference_attitude, true_attitude
-from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.bench import Turntable, settling_time
 from inercal.benches.turntable.paths import path_plan
-from inercal.benches.turntable.rest_timing import settling_time
 from inercal.benches.turntable.settings import TurntableData, TurntableSection, build
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.plan import Position, Rotation, Step, TableStep, table_steps

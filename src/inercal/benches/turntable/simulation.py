@@ -18,8 +18,7 @@ from inercal.basics.units import si_factor
 from inercal.benches.contract import SimulatedMotion
 from inercal.benches.turntable.attitude import ideal_readback, motion
 from inercal.benches.turntable.axis_profiles import AxisProfile, join_profiles, move_profile
-from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.rest_timing import settling_time
+from inercal.benches.turntable.bench import Turntable, settling_time
 from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Position, Rotation, TableStep, table_steps

@@ -29,7 +29,7 @@ import numpy as np
 import scipy
 
 from inercal.basics.arrays import Array
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 
 TrendVerdict = Literal["steady", "drifts", "changed", "too few"]
 CHANCE_FRACTION = erfc(COVERAGE / sqrt(2))

@@ -37,8 +37,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.estimation.uncertainty.conformity import expanded_uncertainty
-from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.estimation.uncertainty.repeated_measurements import (
     restricted_likelihood,
     restricted_variances,

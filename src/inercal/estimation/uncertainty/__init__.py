@@ -29,6 +29,12 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.parallel import Executor, SerialExecutor, in_order
 
+COVERAGE = 2.0
+"""The coverage factor k in U = k u; it gives about 95 % for usual degrees of freedom (GUM 6.3)."""
+COVERAGE_PROBABILITY = 0.9545
+"""Coverage of ± 2u for a normal distribution; it is also used for other distributions."""
+
+
 BATCH = 500
 Run = Callable[["np.random.Generator", int], Mapping[str, Array]]
 BATCHES = 20

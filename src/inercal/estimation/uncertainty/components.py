@@ -28,7 +28,7 @@ import scipy
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
-from inercal.estimation.uncertainty.coverage import COVERAGE_PROBABILITY
+from inercal.estimation.uncertainty import COVERAGE_PROBABILITY
 
 _PRECISION = 1e-9  # relative tolerance for σ²
 _STEPS = 200

@@ -29,7 +29,7 @@ import scipy
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 
 Result = Literal["pass", "conditional pass", "conditional fail", "fail"]
 RESULTS: tuple[Result, ...] = get_args(Result)

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.special import chdtri, ndtr, stdtrit
 
 from inercal.basics.arrays import Array
-from inercal.estimation.uncertainty.coverage import COVERAGE, COVERAGE_PROBABILITY
+from inercal.estimation.uncertainty import COVERAGE, COVERAGE_PROBABILITY
 from inercal.estimation.uncertainty.repeated_measurements import restricted_variances
 
 _LOGITS = np.linspace(-18.0, 18.0, 181)  # nodes of the distribution of τ², dense in both tails

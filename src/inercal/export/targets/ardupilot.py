@@ -25,11 +25,13 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.export.parameter_files import parameter_calibration, stated_parameters
 from inercal.export.ranges import temperature_limits
-from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
 from inercal.export.target_definition import (
     DEVICE_ID,
+    CalibrationReader,
     Rendering,
     Request,
+    StatedCalibration,
+    StatedTriad,
     Target,
     TargetOption,
 )

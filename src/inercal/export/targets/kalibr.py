@@ -27,8 +27,15 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, require_extra
 from inercal.basics.small_files import read_small_file
 from inercal.export.model import ExportModel
-from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
-from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.target_definition import (
+    CalibrationReader,
+    Rendering,
+    Request,
+    StatedCalibration,
+    StatedTriad,
+    Target,
+    TargetOption,
+)
 from inercal.export.targets import shared
 from inercal.export.term_kinds import TermKind
 from inercal.physics import frames

@@ -23,8 +23,15 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
 from inercal.export.parameter_files import assumed_note
-from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
-from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.target_definition import (
+    CalibrationReader,
+    Rendering,
+    Request,
+    StatedCalibration,
+    StatedTriad,
+    Target,
+    TargetOption,
+)
 from inercal.export.targets import shared
 from inercal.export.targets.c_headers import literal
 

@@ -9,8 +9,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.export.model import ExportModel, Triad
-from inercal.export.reader_definition import StatedTriad
-from inercal.export.target_definition import TargetOption
+from inercal.export.target_definition import StatedTriad, TargetOption
 from inercal.export.term_kinds import TermKind
 from inercal.physics import frames
 

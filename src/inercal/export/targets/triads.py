@@ -34,8 +34,15 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
-from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
-from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.target_definition import (
+    CalibrationReader,
+    Rendering,
+    Request,
+    StatedCalibration,
+    StatedTriad,
+    Target,
+    TargetOption,
+)
 from inercal.export.targets import shared
 
 _TK_COUNT = 21  # numbers: T and K row by row, then B

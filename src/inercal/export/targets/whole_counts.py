@@ -22,8 +22,16 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.export.parameter_files import assumed_note
-from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
-from inercal.export.target_definition import STEP, Rendering, Request, Target, TargetOption
+from inercal.export.target_definition import (
+    STEP,
+    CalibrationReader,
+    Rendering,
+    Request,
+    StatedCalibration,
+    StatedTriad,
+    Target,
+    TargetOption,
+)
 from inercal.export.targets import shared
 from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import G0

@@ -18,8 +18,8 @@ from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_duration
 from inercal.host.assembly.reading_plausibility import Plausibility
+from inercal.host.drivers.rotary_table import StateArrays, unpack_states
 from inercal.host.run_log import LogFrame
-from inercal.host.table_state_codec import StateArrays, unpack_states
 from inercal.recordings import AngleQuality
 
 CLOCK_LOST = frozenset({"the table"})  # names in an error after which the run cannot continue

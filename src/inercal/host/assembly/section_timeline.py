@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
-from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS
+from inercal.benches.turntable.bench import COARSE_REST_SECONDS
 
 _COARSE_MARGIN = 1 + 1e-3
 

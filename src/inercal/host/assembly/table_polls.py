@@ -37,8 +37,7 @@ from inercal.host.assembly.reading_plausibility import (
     Plausibility,
     ReadingPlausibility,
 )
-from inercal.host.drivers.rotary_table import TableState
-from inercal.host.table_state_codec import StateArrays
+from inercal.host.drivers.rotary_table import StateArrays, TableState
 from inercal.methods.turntable.model import EPOCH_PERIOD
 from inercal.recordings import AngleQuality
 

@@ -9,11 +9,10 @@ from inercal.basics.closeable import Closeable
 from inercal.host.addresses import layout_of_address, open_imu
 from inercal.host.assembly import SampleAssembler
 from inercal.host.clock import Tick
-from inercal.host.drivers.rotary_table import TableState
+from inercal.host.drivers.rotary_table import TableState, pack_state
 from inercal.host.imu_port import ImuReceiver
 from inercal.host.interlocks import Interlocks
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
-from inercal.host.table_state_codec import pack_state
 from inercal.runfile import Run
 
 _WORK_INTERVAL = 0.2  # s between two comparisons of gyros and table

@@ -43,10 +43,10 @@ from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InputError
 from inercal.estimation.kernel_options import on_compilation
 from inercal.host.packets import PacketLayout, read_layout
+from inercal.host.packets.encode import PacketPacker
 from inercal.host.sim import motion_link
 from inercal.host.sim.faults import parse_number, unknown_fault
 from inercal.host.sim.imu_model import SimulatedImu, draw_bias_drift, noise_block_size
-from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.server import answer_lines
 from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors, numbered_imu
 from inercal.runfile import Run, read

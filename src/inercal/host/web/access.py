@@ -28,8 +28,7 @@ from starlette.responses import HTMLResponse, PlainTextResponse, RedirectRespons
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from inercal.basics.errors import InputError
-from inercal.host.web.json_objects import BodyReader, RequestRefused
-from inercal.host.web.refusal_log import RefusalLog
+from inercal.host.web.json_objects import BodyReader, RefusalLog, RequestRefused
 
 SESSION, VIEWER = "inercal-session", "inercal-viewer"
 _MIN_TOKEN_LENGTH = 12  # smallest number of characters of a token

@@ -9,7 +9,7 @@ from typing import Any
 
 from inercal.basics.documents import record_object
 from inercal.calibration.files import calibration_object, load
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
 from inercal.host.web.hub import Hub

@@ -12,8 +12,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from inercal.basics.errors import InercalError
 from inercal.host.web.access import Access, client_host
 from inercal.host.web.hub import Hub
-from inercal.host.web.json_objects import parse_object
-from inercal.host.web.refusal_log import RefusalLog
+from inercal.host.web.json_objects import RefusalLog, parse_object
 from inercal.host.web.viewers import Client, Viewer
 
 _MESSAGE_RATE = 20  # messages per second from a viewer

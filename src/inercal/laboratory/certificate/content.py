@@ -1,15 +1,19 @@
 """Collect the data of a certificate: every item that ISO/IEC 17025:2017, 7.8.2 and 7.8.4 require.
 
-Each item is stored only once. PDF and DCC are both written from these data.
+Each item is stored only once. PDF and DCC are both written from these data. Their texts in English,
+German and Chinese are read from the table `texts.toml`.
 
 A certificate may be refused, or marked on every page. The laboratory states in [policy] when a
 certificate is refused. No option removes a mark; only another calibration does.
 """
 
+import tomllib
 from dataclasses import dataclass
 from datetime import date
+from functools import lru_cache
+from importlib.resources import files
 from math import inf
-from typing import Literal
+from typing import Any, Literal, get_args
 
 from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import ZERO_CELSIUS, parse_quantity
@@ -26,8 +30,34 @@ from inercal.laboratory.certificate.results import (
     names_of,
     stated_capability,
 )
-from inercal.laboratory.certificate.texts import Language, Texts
 from inercal.runfile.job import Action, JobSection, LaboratoryFile
+
+Language = Literal["en", "de", "zh"]
+LANGUAGES: tuple[Language, ...] = get_args(Language)
+
+
+@dataclass(frozen=True)
+class Texts:
+    """The texts of a certificate in one language."""
+
+    language: Language
+
+    def text(self, key: str, **fields: object) -> str:
+        """Return a text with its fields filled in."""
+        return str(text_table()["text"][key][self.language]).format(**fields)
+
+    def word(self, section: str, key: str) -> str:
+        """Return the translation of a word that inercal uses; an unknown word is not changed."""
+        entry = text_table()[section].get(key)
+        return key if entry is None else str(entry[self.language])
+
+
+@lru_cache(maxsize=1)
+def text_table() -> dict[str, dict[str, Any]]:
+    """Return all texts, by section, key and language."""
+    source = files("inercal.laboratory.certificate").joinpath("texts.toml")
+    return tomllib.loads(source.read_text(encoding="utf-8"))
+
 
 _RANGES = {"force": "m/s²", "rate": "rad/s", "temperature": "°C"}
 

@@ -22,9 +22,9 @@ from scipy.special import chdtri, fdtri
 from inercal.basics.units.expression import read_unit
 from inercal.calibration.files import calibration_object
 from inercal.calibration.specification import LimitResult
-from inercal.estimation.uncertainty.coverage import COVERAGE_PROBABILITY
+from inercal.estimation.uncertainty import COVERAGE_PROBABILITY
 from inercal.laboratory.certificate import dcc_administration
-from inercal.laboratory.certificate.content import Certificate
+from inercal.laboratory.certificate.content import Certificate, Texts
 from inercal.laboratory.certificate.dcc_elements import (
     DCC_NAMESPACE,
     content,
@@ -40,7 +40,6 @@ from inercal.laboratory.certificate.facts import (
     rule_lines,
 )
 from inercal.laboratory.certificate.results import ResultSet
-from inercal.laboratory.certificate.texts import Texts
 
 _WORDS = {
     "length": r"\metre",

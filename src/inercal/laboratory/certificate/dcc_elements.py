@@ -9,7 +9,7 @@ from typing import Any
 
 from inercal.basics.errors import require_extra
 from inercal.basics.visible_text import visible_text
-from inercal.laboratory.certificate.texts import Texts
+from inercal.laboratory.certificate.content import Texts
 
 CERTIFICATE = ("certificate", "certificates need typst and lxml", ("typst", "lxml"))
 SIGNATURE = (

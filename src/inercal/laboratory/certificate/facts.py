@@ -9,10 +9,9 @@ from inercal.basics.units import ZERO_CELSIUS, si_factor
 from inercal.calibration import Calibration
 from inercal.calibration.explanation import UNCERTAINTIES, customer_lines, customer_sections
 from inercal.calibration.specification import probability_text
-from inercal.estimation.uncertainty.coverage import COVERAGE_PROBABILITY
-from inercal.laboratory.certificate.content import Certificate
+from inercal.estimation.uncertainty import COVERAGE_PROBABILITY
+from inercal.laboratory.certificate.content import Certificate, Texts
 from inercal.laboratory.certificate.results import ResultSet, acceptance_risk, names_of
-from inercal.laboratory.certificate.texts import Texts
 from inercal.physics.sensors.coefficient_tables import G0
 
 _ALONG = 1e-6  # tolerance for a unit vector that points along an axis

@@ -26,10 +26,11 @@ from inercal.estimation.uncertainty.control_charts import (
     ChartKind,
     ChartValues,
     LastingKind,
+    chart_limit,
     chart_values,
     lasting_limit,
+    wider_limit,
 )
-from inercal.estimation.uncertainty.cusum import chart_limit, wider_limit
 from inercal.estimation.uncertainty.repeated_measurements import restricted_variances
 from inercal.laboratory.check_standard.charts import (
     LEAST_DAYS,

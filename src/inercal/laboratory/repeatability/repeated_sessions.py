@@ -35,9 +35,9 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.estimation.uncertainty.components import scatter_limits
 from inercal.estimation.uncertainty.conformity import expanded_uncertainty
-from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.laboratory.repeatability.session_findings import findings, single_scatter_lines
 from inercal.laboratory.repeatability.session_fit import SessionFit, fit_sessions
 from inercal.laboratory.repeatability.sessions import (

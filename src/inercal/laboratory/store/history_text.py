@@ -20,7 +20,7 @@ from inercal.calibration.comparison.run_to_run import (
     format_en,
 )
 from inercal.calibration.suspect_text import p_value_text
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.laboratory.store.history import CoefficientTrend, SensorHistory
 from inercal.laboratory.store.noise_history import NoiseTrend
 from inercal.laboratory.store.recalibration import CoefficientInterval, Recalibration

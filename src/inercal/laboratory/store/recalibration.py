@@ -45,8 +45,8 @@ from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_count, parse_quantity
 from inercal.calibration.comparison.changes import YEAR
 from inercal.calibration.comparison.courses import LEAST_FOR_DRIFT
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.estimation.uncertainty.conformity import conformance_probability
-from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.laboratory.store.history import CoefficientTrend, SensorHistory
 from inercal.laboratory.store.type_pool import PooledChange, TypePool
 from inercal.physics.sensors.coefficient_selection import select_coefficients

@@ -10,7 +10,7 @@ from sqlalchemy import Connection, select
 
 from inercal.basics.closeable import Closeable
 from inercal.basics.documents import stated_time
-from inercal.basics.system_user import user_name
+from inercal.basics.process_settings import user_name
 from inercal.calibration import Calibration
 from inercal.laboratory.store import certificates, connection, insertions, queries
 from inercal.laboratory.store.connection import require_place_of_register, resolve_address

@@ -41,8 +41,7 @@ bench = sa.Table(
     "bench",
     metadata,
     sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("kind", sa.String, nullable=False),
-    sa.Column("name", sa.String, nullable=False),  # empty if the run file states no name
+    *_text_columns("kind", "name"),  # the name is empty if the run file states no name
     *_entry_columns(),
     sa.UniqueConstraint("kind", "name"),
 )
@@ -73,9 +72,8 @@ calibration = sa.Table(
     # Null if this version does not know the method.
     sa.Column("bench_id", sa.Integer, sa.ForeignKey("bench.id")),
     sa.Column("run_id", sa.Integer, sa.ForeignKey("run.id"), index=True),
-    sa.Column("measured", sa.String, nullable=False),
-    sa.Column("measured_from", sa.String, nullable=False),  # "stated", "run" or "created"
-    *_text_columns("method", "estimator"),
+    # measured_from is "stated", "run" or "created".
+    *_text_columns("measured", "measured_from", "method", "estimator"),
     sa.Column("grade", sa.String, nullable=False, server_default=""),  # empty if unknown
     sa.Column("recording_sha256", sa.String, nullable=False, index=True),  # empty if not stated
     sa.Column("content", sa.Text, nullable=False),  # the whole file as JSON
@@ -103,10 +101,9 @@ certificate = sa.Table(
     sa.Column(
         "calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), nullable=False, index=True
     ),
-    *_text_columns("issued"),  # ISO date
-    *_text_columns("change"),  # "amended" or "substituted"; empty if it changes none
-    *_text_columns("previous"),  # number of the changed certificate
-    *_text_columns("pdf_sha256", "dcc_sha256"),
+    # issued is an ISO date. change is "amended" or "substituted", and previous is the number of the
+    # changed certificate; both are empty if it changes none.
+    *_text_columns("issued", "change", "previous", "pdf_sha256", "dcc_sha256"),
     sa.Column("pdf", sa.LargeBinary, nullable=False),
     sa.Column("dcc", sa.LargeBinary, nullable=False),  # XML
     *_entry_columns(),
@@ -117,10 +114,8 @@ noise_analysis = sa.Table(
     metadata,
     sa.Column("id", sa.Integer, primary_key=True),
     sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False, index=True),
-    sa.Column("measured", sa.String, nullable=False),
-    sa.Column("measured_from", sa.String, nullable=False),  # "stated" or "entered"
-    sa.Column("source", sa.String, nullable=False),  # name of the recording file
-    sa.Column("recording_sha256", sa.String, nullable=False),
+    # measured_from is "stated" or "entered", and source is the name of the recording file.
+    *_text_columns("measured", "measured_from", "source", "recording_sha256"),
     sa.Column("duration", sa.Double, nullable=False),  # s
     sa.Column("content", sa.Text, nullable=False),  # the whole analysis as JSON
     sa.Column("sha256", sa.String, nullable=False),  # SHA-256 of the content

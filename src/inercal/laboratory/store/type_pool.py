@@ -29,8 +29,8 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.calibration.comparison.changes import chi2_p_value
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.estimation.uncertainty.conformity import expanded_uncertainty
-from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.estimation.uncertainty.repeated_measurements import MeasurementBlock, pooled_variances
 from inercal.laboratory.repeatability.sessions import similar_coefficients
 from inercal.laboratory.store.history import CoefficientTrend, SensorHistory

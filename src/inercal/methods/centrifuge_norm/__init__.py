@@ -39,7 +39,7 @@ from inercal.benches.centrifuge.arm_motion import specific_force_norm
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.calibration.forms import Frame
 from inercal.estimation import Estimate, least_squares
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.methods import Fit, Method, Priors, Remarks, solving
 from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.methods.centrifuge_norm.omitted_coefficients import find_omitted_coefficients
@@ -53,7 +53,7 @@ from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed
 from inercal.methods.order_effects import with_tests
 from inercal.physics.plan import Attitude, Spin, Spins, arm_attitude
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.coefficient_words import coefficient_words
+from inercal.physics.sensors.coefficient_selection import coefficient_words
 from inercal.recordings import Finding, Observations
 
 RATES = (2 * pi, 4 * pi, 6 * pi)

@@ -40,7 +40,7 @@ from inercal.benches.dividing_head.covariance import bench_covariance, reading_s
 from inercal.benches.dividing_head.head_angles import sensor_angles
 from inercal.estimation import Estimate, least_squares
 from inercal.estimation.scores import NO_SCORE_TESTS
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.methods import Method, Priors, dividing_head_problem
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.methods.dual_orthogonal import patent_estimator as four

@@ -18,7 +18,7 @@ from inercal.basics.arrays import Array, Indices
 from inercal.estimation.candidate_scores import rows_from_products, score_tests
 from inercal.estimation.scores import Candidate, CandidateKind, ScoreTestSet
 from inercal.methods.magnetic_field.fitting import FieldFit
-from inercal.methods.magnetic_field.solving import Solution
+from inercal.methods.magnetic_field.rows import Solution
 
 _MOST_STRETCHES = 64
 _ABSORBED = 1e-9  # share of a component's square, below which it is absorbed

@@ -24,16 +24,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import format_count
 from inercal.estimation.nullspace import first_combinations, named_direction, row_echelon_form
-from inercal.methods.magnetic_field.records import (
-    Directions,
-    FieldConditions,
-    FieldNodes,
-    LinearModel,
-    Links,
-    check_records,
-)
-from inercal.methods.magnetic_field.rows import FieldProblem, FieldState
-from inercal.methods.magnetic_field.solving import Solution, best_solution, solve, typical_sizes
+from inercal.methods.magnetic_field import records, rows
 from inercal.methods.magnetic_field.starts import oriented, starts
 
 _LEAST_NODES = 7
@@ -97,15 +88,15 @@ class FieldFit:
     notes: tuple[str, ...]
     converged: bool
     iterations: int
-    plain: Solution
+    plain: rows.Solution
 
 
 def fit_field(
-    nodes: FieldNodes,
-    model: LinearModel,
-    directions: Directions,
-    links: Links | None = None,
-    conditions: FieldConditions | None = None,
+    nodes: records.FieldNodes,
+    model: records.LinearModel,
+    directions: records.Directions,
+    links: records.Links | None = None,
+    conditions: records.FieldConditions | None = None,
     known: Array | None = None,
 ) -> FieldFit:
     """Estimate the coefficients of a magnetometer and the field.
@@ -125,11 +116,11 @@ def fit_field(
         There are too few nodes, or they do not determine all coefficients.
     """
     known = np.zeros((0, 0)) if known is None else known
-    links = Links.none(len(known)) if links is None else links
-    conditions = FieldConditions() if conditions is None else conditions
-    check_records(nodes, directions, links, known)
+    links = records.Links.none(len(known)) if links is None else links
+    conditions = records.FieldConditions() if conditions is None else conditions
+    records.check_records(nodes, directions, links, known)
     strength = None if conditions.strength is None else conditions.strength.value
-    free_dip = FieldProblem(nodes, model, directions, links, known, None, strength)
+    free_dip = rows.FieldProblem(nodes, model, directions, links, known, None, strength)
     problem = replace(free_dip, dip=conditions.dip if len(directions.node) else None)
     if len(nodes.labels) < _LEAST_NODES or problem.dof < _LEAST_DOF:
         raise NotObserved(
@@ -140,10 +131,10 @@ def fit_field(
     _require_change(nodes, model.axes)
     found = starts(free_dip)
     _require_unit(free_dip, found[0])
-    first = best_solution(free_dip, found)
+    first = rows.best_solution(free_dip, found)
     dip_sd = _require_determined(first, problem)
     state, notes = oriented(model, first.state, conditions, dip_sd)
-    plain = solve(problem, state)
+    plain = rows.solve(problem, state)
     singular = _singular_values(plain)
     tau, last = 0.0, plain
     if plain.chi2 > scipy.special.chdtri(problem.dof, 1 - _LEVEL):
@@ -186,7 +177,7 @@ def inhomogeneity_interval(fit: FieldFit) -> tuple[float, float]:
     return _inhomogeneity(fit.plain, low)[0], _inhomogeneity(fit.plain, high)[0]
 
 
-def _inhomogeneity(plain: Solution, target: float) -> tuple[float, Solution]:
+def _inhomogeneity(plain: rows.Solution, target: float) -> tuple[float, rows.Solution]:
     """Return the τ for which χ² equals a target, at least 0, and the solution for this τ."""
     if plain.chi2 <= target:
         return 0.0, plain
@@ -194,8 +185,8 @@ def _inhomogeneity(plain: Solution, target: float) -> tuple[float, Solution]:
     axes = p.model.matrices(plain.state.coefficients, np.zeros(1))[0, :, :3]
     unit = plain.state.strength**2 * axes @ axes.T
 
-    def solution(log: float) -> Solution:
-        return solve(replace(p, disturbance=float(np.exp(2 * log)) * unit), plain.state)
+    def solution(log: float) -> rows.Solution:
+        return rows.solve(replace(p, disturbance=float(np.exp(2 * log)) * unit), plain.state)
 
     def excess(log: float) -> float:
         return solution(log).chi2 - target
@@ -208,21 +199,21 @@ def _inhomogeneity(plain: Solution, target: float) -> tuple[float, Solution]:
     return float(np.exp(log)), solution(log)
 
 
-def _singular_values(solution: Solution) -> Array:
+def _singular_values(solution: rows.Solution) -> Array:
     information = _information(solution)
     return np.sqrt(np.maximum(np.linalg.eigvalsh(information)[::-1], 0.0))
 
 
-def _information(solution: Solution) -> Array:
+def _information(solution: rows.Solution) -> Array:
     """Return the information on all free unknowns but the known ones, in typical sizes."""
-    size = typical_sizes(solution.problem, solution.state.strength)
+    size = rows.typical_sizes(solution.problem, solution.state.strength)
     whole = solution.elimination.information * np.outer(size, size)
     k = len(whole) - solution.problem.root.shape[1]
     others = whole[k:, k:]
     return whole[:k, :k] - whole[:k, k:] @ np.linalg.solve(others, whole[k:, :k])
 
 
-def _require_determined(solution: Solution, problem: FieldProblem) -> float:
+def _require_determined(solution: rows.Solution, problem: rows.FieldProblem) -> float:
     """Return the standard deviation of the dip; raise if a direction is not determined."""
     p = len(problem.model.names)
     chosen = [*problem.model.names, *(["dip"] if p in problem.free else [])]
@@ -235,7 +226,7 @@ def _require_determined(solution: Solution, problem: FieldProblem) -> float:
         # A solution with undetermined directions is anywhere along them; the stated axes show them
         # more clearly.
         stated = solution.state._replace(coefficients=np.zeros(p))
-        at_stated = solve(solution.problem, stated, most=0)
+        at_stated = rows.solve(solution.problem, stated, most=0)
         clear = _null_directions(_information(at_stated))
         moving = not len(problem.directions.node)
         raise _not_observed(chosen, clear if len(clear) else null, moving=moving)
@@ -275,7 +266,7 @@ def _require_homogeneous(tau: float) -> None:
         )
 
 
-def _require_change(nodes: FieldNodes, names: tuple[str, ...]) -> None:
+def _require_change(nodes: records.FieldNodes, names: tuple[str, ...]) -> None:
     constant = np.flatnonzero(np.ptp(nodes.reading, axis=0) == 0)
     if constant.size:
         axes = ", ".join(names[k] for k in constant)
@@ -285,7 +276,7 @@ def _require_change(nodes: FieldNodes, names: tuple[str, ...]) -> None:
         )
 
 
-def _require_unit(problem: FieldProblem, start: FieldState) -> None:
+def _require_unit(problem: rows.FieldProblem, start: rows.FieldState) -> None:
     if problem.strength is None:
         return
     model = problem.model
@@ -300,12 +291,14 @@ def _require_unit(problem: FieldProblem, start: FieldState) -> None:
         )
 
 
-def _reported(solution: Solution, conditions: FieldConditions) -> tuple[Array, Array, Array, Array]:
+def _reported(
+    solution: rows.Solution, conditions: records.FieldConditions
+) -> tuple[Array, Array, Array, Array]:
     """Return (c, δ, B), its covariance, that with the known coefficients, and that of these."""
     problem, state = solution.problem, solution.state
     model, p, free = problem.model, len(problem.model.names), problem.free
     whole = np.zeros((problem.count, problem.count))
-    size = typical_sizes(problem, state.strength)
+    size = rows.typical_sizes(problem, state.strength)
     scaled = np.linalg.inv(solution.elimination.information * np.outer(size, size))
     whole[np.ix_(free, free)] = scaled * np.outer(size, size)
     whole = np.insert(np.insert(whole, p + 1, 0.0, axis=0), p + 1, 0.0, axis=1)

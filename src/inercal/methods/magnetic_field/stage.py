@@ -24,18 +24,11 @@ from inercal.calibration.verdict import UNSEEN
 from inercal.estimation import Estimate, ResidualGroup, ScoreTestSet
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.residual_scatter import LEAST_RATIO, LEVEL, ScatterModel
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.methods import Fit, Remarks, temperature
+from inercal.methods.magnetic_field import records
 from inercal.methods.magnetic_field.disturbances import field_tests
 from inercal.methods.magnetic_field.fitting import FieldFit, fit_field, inhomogeneity_interval
-from inercal.methods.magnetic_field.records import (
-    Directions,
-    FieldConditions,
-    FieldNodes,
-    Hemisphere,
-    LinearModel,
-    Links,
-)
 from inercal.methods.residuals import norm_residuals
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
@@ -46,7 +39,7 @@ DELAY = "delay"
 STATED_NOISE = "the noise stated in [sensor.magnetometer]"
 _OWN = ("dip", "strength")
 _FAR_SCALE = 0.1  # mean scale-factor error of three axes; usual magnetometers are within 5 %
-_HEMISPHERES: dict[int, Hemisphere | None] = {1: "north", -1: "south", 0: None}
+_HEMISPHERES: dict[int, records.Hemisphere | None] = {1: "north", -1: "south", 0: None}
 _UNSEEN = (
     "iron or magnets that turn with the sensor and are absent in use, because they look like hard "
     "and soft iron",
@@ -68,7 +61,7 @@ class NodeTimes(NamedTuple):
     transition: Indices  # (n,), index of the transition of a piece; −1 for a rest
 
 
-LinkMaker = Callable[[Fit[Hand, Any], NodeTimes], Links | None]
+LinkMaker = Callable[[Fit[Hand, Any], NodeTimes], records.Links | None]
 DELAY_SD = 0.03  # s, of the magnetometers, before their readings in motion show it
 
 
@@ -147,7 +140,7 @@ def field_remarks(estimate: Estimate, found: FieldFit, stated: str) -> Remarks:
     return Remarks(tuple(findings), conditions=conditions)
 
 
-def linear_model(field: Sensor) -> LinearModel:
+def linear_model(field: Sensor) -> records.LinearModel:
     """Return the model of three magnetometers, whose names are the sensor's coefficients."""
     if len(field.axes) != len("xyz"):
         raise InputError(
@@ -160,7 +153,7 @@ def linear_model(field: Sensor) -> LinearModel:
     directions = field.design(Motion(0 * points, m=points, dT=1.0), np.zeros(len(names))).T.copy()
     directions[..., :3] -= directions[..., 3:]
     powers = np.array([field.coefficient(n).temperature_order for n in names], dtype=np.int64)
-    return LinearModel(names, nominal, directions, powers)
+    return records.LinearModel(names, nominal, directions, powers)
 
 
 def _fit(fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None) -> FieldFit:
@@ -184,7 +177,7 @@ def _fit(fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None) -> FieldFi
     moments: list[float] = at.time.tolist()
     places = zip(rows, moments, strict=True)
     warmth = [temperature_offsets(part.temperature, field, len(part.time)) for part in parts]
-    nodes = FieldNodes(
+    nodes = records.FieldNodes(
         tuple(labels[row] if row >= 0 else f"{t:.2f} s" for row, t in places),
         reading[order],
         covariance[order],
@@ -200,7 +193,7 @@ def _fit(fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None) -> FieldFi
         linear_model(field),
         _directions(fit, at.rest, p + delayed),
         None if links is None else links(fit, at),
-        FieldConditions(fit.bench.field, fit.bench.dip, _HEMISPHERES[fit.bench.dip_sign]),
+        records.FieldConditions(fit.bench.field, fit.bench.dip, _HEMISPHERES[fit.bench.dip_sign]),
         known,
     )
 
@@ -240,7 +233,7 @@ def _readings(fit: Fit[Hand, Any]) -> MagneticReadings:
     return fit.observations.magnetic
 
 
-def _directions(fit: Fit[Hand, Any], rest: Indices, known: int) -> Directions:
+def _directions(fit: Fit[Hand, Any], rest: Indices, known: int) -> records.Directions:
     """Return the upward directions at the rests, with the derivatives by all known coefficients."""
     observations, first = fit.observations, fit.estimate
     force = fit.sensor.select_axes("f")
@@ -263,7 +256,7 @@ def _directions(fit: Fit[Hand, Any], rest: Indices, known: int) -> Directions:
     covariance = noise / length[:, None, None] ** 2
     node = np.flatnonzero(rest >= 0)
     row = rest[node]
-    return Directions(node, at.up[row], covariance[row], derivative[row])
+    return records.Directions(node, at.up[row], covariance[row], derivative[row])
 
 
 def _grouped(first: Estimate, observations: Observations) -> Estimate:

@@ -39,7 +39,7 @@ from inercal.benches import Hand
 from inercal.calibration.verdict import OPPOSITE_SIGN
 from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
 from inercal.methods.multi_position import attitude_coverage, stages
 from inercal.methods.multi_position.attitude_coverage import GeometryErrors
@@ -50,7 +50,7 @@ from inercal.methods.residuals import norm_residuals
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.plan import HandSteps
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.coefficient_words import coefficient_words
+from inercal.physics.sensors.coefficient_selection import coefficient_words
 from inercal.recordings import Finding, Observations
 
 _MIN_IMPROVEMENT = 1.5  # factor; a smaller improvement is not worth the user's effort

@@ -22,7 +22,8 @@ from inercal.benches import MeanMotion
 from inercal.estimation.problem import NormalEquations, cholesky
 from inercal.methods.residuals.term_table import TermTable, term_table
 from inercal.physics.motion import Motion
-from inercal.physics.sensors import Sensor, inverse, three_axes
+from inercal.physics.sensors import Sensor, inverse
+from inercal.physics.sensors.inverse import invert as invert_3x3
 
 
 def vector_residuals(
@@ -106,7 +107,7 @@ def norm_residuals(
     motion = Motion(sensed, dT=dT) if w is None else Motion(sensed, w, dT=dT)
     _, design, slope = sensor.linearise(motion, c)
     by_force = slope[..., :3]
-    invert = three_axes.invert if len(sensor.axes) == 3 else np.linalg.pinv
+    invert = invert_3x3 if len(sensor.axes) == 3 else np.linalg.pinv
     back = np.asarray(invert(by_force), dtype=np.float64)
     length = np.linalg.norm(sensed, axis=-1)
     up = sensed / length[..., None]

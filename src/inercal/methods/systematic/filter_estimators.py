@@ -22,9 +22,9 @@ from inercal.benches.turntable.still_table import StillTable
 from inercal.estimation import Estimate, ModelTest
 from inercal.estimation.innovations import group_innovations, mean_and_whiteness_tests
 from inercal.methods import PartialEstimate, Priors
+from inercal.methods.order_effects import with_tests_of_priors
 from inercal.methods.systematic.alignment import attitudes_at, determines_azimuth
-from inercal.methods.systematic.coefficient_rules import require_turns
-from inercal.methods.systematic.generalised_least_squares import LAG
+from inercal.methods.systematic.generalised_least_squares import LAG, require_turns
 from inercal.methods.systematic.navigation import integrate_navigation
 from inercal.methods.systematic.navigation_filter import (
     LIVE_CHUNK,
@@ -42,7 +42,6 @@ from inercal.methods.systematic.segments import (
     require_imu,
     segments_of_track,
 )
-from inercal.methods.tests_of_priors import with_tests_of_priors
 from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import GAP_FACTOR, Track, join_tracks

@@ -21,9 +21,9 @@ from inercal.basics.errors import NotObserved
 from inercal.basics.keys import CoefficientName
 from inercal.estimation import Estimate
 from inercal.methods import Priors
+from inercal.methods.order_effects import with_tests_of_priors
 from inercal.methods.temperature_ramp.ramp_fit import LAG, RampModel, solve_ramp
 from inercal.methods.temperature_ramp.thermometer_steps import is_one_exponential
-from inercal.methods.tests_of_priors import with_tests_of_priors
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.recordings.environment import Environment
 

@@ -19,14 +19,13 @@ from inercal.benches.turntable.attitude import (
     earth_rate_level_frame,
     reference_attitude,
 )
-from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS, MIN_REST_SECONDS
+from inercal.benches.turntable.bench import COARSE_REST_SECONDS, MIN_REST_SECONDS, Turntable
 from inercal.estimation import NullDirection
 from inercal.estimation.nullspace import row_echelon_form, undetermined_combinations
 from inercal.methods import Priors, temperature
 from inercal.methods.observability import direction_in_words
+from inercal.methods.turntable import BIAS, Terms, terms
 from inercal.methods.turntable.drift import NO_DRIFT, Drift, drift_model
-from inercal.methods.turntable.terms import BIAS, Terms, terms
 from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE
 from inercal.recordings import Track

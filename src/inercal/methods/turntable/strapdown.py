@@ -9,6 +9,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import kernel, kernel_step, kernel_value, record
+from inercal.methods.turntable import BASIS, FORCE, SQUARE, TEMPERATURE, Terms
 from inercal.methods.turntable.small_matrices import (
     Matrix,
     Vector,
@@ -20,7 +21,6 @@ from inercal.methods.turntable.small_matrices import (
     write_matrix,
     write_row,
 )
-from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE, Terms
 from inercal.recordings import STAMP_ROUNDING
 
 record(Terms)

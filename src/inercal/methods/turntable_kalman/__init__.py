@@ -30,9 +30,8 @@ from functools import partial
 from math import inf
 from typing import Any
 
-from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.bench import COARSE_REST_SECONDS, Turntable
 from inercal.benches.turntable.paths import path_by_name as named_path
-from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.methods import Fit, Method, PartialEstimate, Priors, Remarks, turntable
 from inercal.methods.turntable_kalman import _accelerometers, _readback

@@ -14,10 +14,10 @@ import numpy as np
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kalman import predict, update
 from inercal.estimation.kernel_options import kernel, kernel_step, record
+from inercal.methods.turntable import BIAS, Terms
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance
 from inercal.methods.turntable.strapdown import inverse_scale_matrix, sum_reading_terms
-from inercal.methods.turntable.terms import BIAS, Terms
 
 # Standard deviations of an epoch's innovation. By chance one in 900 epochs exceeds this limit,
 # which costs nothing. An error of five standard deviations must be rejected even if noise hides

@@ -10,6 +10,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.estimation.kalman import FilterSteps, store_covariance_rows, update
 from inercal.estimation.kernel_options import kernel, kernel_step, kernel_value
+from inercal.methods.turntable import FORCE, RATE, SQUARE, TEMPERATURE
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.small_matrices import (
     Vector,
@@ -35,7 +36,6 @@ from inercal.methods.turntable.strapdown import (
     turned,
     write_transition_columns,
 )
-from inercal.methods.turntable.terms import FORCE, RATE, SQUARE, TEMPERATURE
 from inercal.methods.turntable_kalman._filter_steps import (
     FilterSamples,
     KernelModel,

@@ -22,9 +22,8 @@ from inercal.estimation import FilterHistory
 from inercal.estimation.kalman import FilterSteps, allocate_steps
 from inercal.estimation.lazy_value import LazyValue
 from inercal.methods import temperature
-from inercal.methods.turntable import strapdown
+from inercal.methods.turntable import BIAS, strapdown
 from inercal.methods.turntable.model import EPOCH_PERIOD, TriadModel, earth_rate_level_frame
-from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_kalman._filter_steps import (
     INNOVATION_GATE,
     FilterSamples,

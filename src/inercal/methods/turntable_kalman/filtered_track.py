@@ -15,7 +15,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.estimation import FilterHistory, SmoothedStates
 from inercal.estimation.kalman import FilterSteps, smooth_steps, start_smoother
-from inercal.methods.turntable.terms import BIAS
+from inercal.methods.turntable import BIAS
 from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.recordings import Track
 

@@ -20,8 +20,7 @@ import numpy as np
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
-from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
+from inercal.benches.turntable.bench import MAX_GAP_SECONDS, Turntable
 from inercal.methods import Priors
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import ARCSEC, table_sensitivity

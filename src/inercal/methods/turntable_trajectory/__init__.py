@@ -26,6 +26,7 @@ from inercal.estimation.innovations import epoch_groups, group_innovations, resi
 from inercal.methods import Method, Priors, mean_problem, temperature
 from inercal.methods.candidates import prior_candidates
 from inercal.methods.turntable import (
+    BIAS,
     DEFAULT_COEFFICIENTS,
     FURTHER_COEFFICIENTS,
     model,
@@ -33,7 +34,6 @@ from inercal.methods.turntable import (
     score_columns,
 )
 from inercal.methods.turntable.score_columns import ConstantColumn
-from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_trajectory.rows import (
     RotationRows,
     StaticRows,

@@ -26,6 +26,7 @@ import numpy as np
 from inercal.basics.arrays import Array, Bools
 from inercal.estimation.kalman import predict
 from inercal.estimation.kernel_options import kernel_step, njit
+from inercal.methods.turntable import RATE, SQUARE, TEMPERATURE, Terms
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
 from inercal.methods.turntable.small_matrices import copy_matrix, product
@@ -39,7 +40,6 @@ from inercal.methods.turntable.strapdown import (
     rotate,
     rotation_error,
 )
-from inercal.methods.turntable.terms import RATE, SQUARE, TEMPERATURE, Terms
 
 
 def rate_bends(time: Array, rates: Array, white: Array) -> tuple[Array, Array]:

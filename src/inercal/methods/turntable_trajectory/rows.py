@@ -24,8 +24,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches.turntable.attitude import earth_rate_level_frame as earth_rate
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
-from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
+from inercal.benches.turntable.bench import MAX_GAP_SECONDS, Turntable
 from inercal.methods import temperature
 from inercal.methods.residuals import vector_residuals
 from inercal.methods.turntable import model, score_columns, strapdown

@@ -2,7 +2,8 @@
 
 The axes of all kinds are solved together; more than three axes of one kind are solved by least
 squares. An affine model needs only one matrix; other models iterate over chunks of samples, so that
-memory stays bounded.
+memory stays bounded. Matrices of 3 × 3 are solved in closed form, with cofactors, because for many
+small matrices LAPACK spends more time on call overhead than on arithmetic.
 """
 
 from functools import lru_cache
@@ -13,7 +14,6 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotInvertible
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import QUANTITIES
-from inercal.physics.sensors import three_axes
 from inercal.physics.sensors.axis import Axis
 from inercal.physics.sensors.sensor import Sensor
 
@@ -128,8 +128,8 @@ def _solve(slope: Array, right: Array) -> Array:
         transposed = np.swapaxes(slope, -1, -2)
         slope, right = transposed @ slope, (transposed @ right[..., None])[..., 0]
     if slope.shape[-1] == 3:
-        x = three_axes.solve(slope, right)
-        if not np.isfinite(x).all() and (three_axes.determinant(slope) == 0).any():
+        x = solve(slope, right)
+        if not np.isfinite(x).all() and (determinant(slope) == 0).any():
             raise NotInvertible(SINGULAR_TEXT)
         return x
     try:
@@ -209,4 +209,45 @@ def _asymmetry_gap(sensor: Sensor, c: Array) -> Array | float:
 def _determinant(slope: Array) -> Array:
     square = slope.shape[-2] == slope.shape[-1]
     matrix = slope if square else np.swapaxes(slope, -1, -2) @ slope
-    return three_axes.determinant(matrix) if matrix.shape[-1] == 3 else np.linalg.det(matrix)
+    return determinant(matrix) if matrix.shape[-1] == 3 else np.linalg.det(matrix)
+
+
+# The next index in the cycle 0, 1, 2, and the index after it.
+_ROW, _COLUMN = np.indices((3, 3))
+_ROW_1, _ROW_2 = (_ROW + 1) % 3, (_ROW + 2) % 3
+_COLUMN_1, _COLUMN_2 = (_COLUMN + 1) % 3, (_COLUMN + 2) % 3
+
+
+def _cofactors(matrix: Array) -> tuple[Array, Array]:
+    """Return the cofactors, (3, 3, ...), and the determinant, (...)."""
+    m = np.moveaxis(matrix, (-2, -1), (0, 1))
+    cofactors = m[_ROW_1, _COLUMN_1] * m[_ROW_2, _COLUMN_2]
+    cofactors -= m[_ROW_1, _COLUMN_2] * m[_ROW_2, _COLUMN_1]
+    return cofactors, (m[0] * cofactors[0]).sum(axis=0)
+
+
+def determinant(matrix: Array) -> Array:
+    """Return the determinant, (...), of a matrix (..., 3, 3)."""
+    m = np.moveaxis(matrix, (-2, -1), (0, 1))
+    return (
+        m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
+        + m[0, 1] * (m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2])
+        + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
+    )
+
+
+def solve(matrix: Array, right: Array) -> Array:
+    """Solve matrix (..., 3, 3) · x = right (..., 3); x is not finite if the matrix is singular."""
+    cofactors, size = _cofactors(matrix)
+    b = np.moveaxis(right, -1, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = (cofactors * b[:, None]).sum(axis=0) / size
+    return np.ascontiguousarray(np.moveaxis(x, 0, -1))
+
+
+def invert(matrix: Array) -> Array:
+    """Return the inverse, (..., 3, 3), which is not finite where the matrix is singular."""
+    cofactors, size = _cofactors(matrix)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cofactors /= size
+    return np.ascontiguousarray(np.moveaxis(cofactors, (0, 1), (-1, -2)))

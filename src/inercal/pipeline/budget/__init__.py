@@ -24,9 +24,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InputError
 from inercal.basics.parallel import Executor, SerialExecutor, in_order
+from inercal.basics.process_settings import with_one_thread
 from inercal.basics.units import Measured, format_number, format_quantity
 from inercal.benches import MeanBench
 from inercal.benches.kind_definition import Effect, kind_for_bench

@@ -15,7 +15,7 @@ from inercal.benches.turntable import Turntable, require_turntable
 from inercal.benches.turntable.attitude import motion, reference_attitude
 from inercal.benches.turntable.reading.still_table_observation import find_rests
 from inercal.benches.turntable.simulation import PathProfile, path_profile
-from inercal.methods.systematic.remarks import vertical_turn_messages
+from inercal.methods.systematic import vertical_turn_messages
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
 from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import METHOD as KALMAN

@@ -1,8 +1,13 @@
-"""Store a table from a file as named columns, without any knowledge of the sensor."""
+"""Store a table from a file as named columns, without any knowledge of the sensor.
+
+A table from a text file knows the line numbers of its rows, because the file may also contain lines
+without samples.
+"""
 
 import hashlib
 import os
 import re
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +21,24 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.line_numbers import LineBreaks, line_of_row
+
+LineBreaks = tuple[tuple[int, int], ...]
+"""Row and line number of row 0 and of each row that follows lines without samples."""
+
+
+def line_of_row(row: int, first_line: int, breaks: LineBreaks) -> int | None:
+    """Return a row's line number, from the line of row 0 or from the last row after a gap.
+
+    >>> [line_of_row(k, 0, ((0, 2), (3, 9))) for k in range(5)]
+    [2, 3, 4, 9, 10]
+    """
+    if first_line:
+        return first_line + row
+    if not breaks:
+        return None
+    start, line = breaks[bisect_right(breaks, row, key=lambda one: one[0]) - 1]
+    return line + row - start
+
 
 Column = Array | NDArray[np.int64] | NDArray[np.str_]
 _LOCAL_DATE = re.compile(r"\s*\d{1,2}([./-])\d{1,2}\1\d{2,4}\b")  # 23.11.2026

@@ -14,7 +14,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, median_of_rows
 from inercal.estimation import Gaussian
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.plan import Hold, Position, Step
 from inercal.physics.sensors import G0, Sensor, nominal_inverse
 from inercal.recordings import Finding, Observations, Recording, sample_count

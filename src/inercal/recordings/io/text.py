@@ -17,18 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.errors import InputError
-from inercal.basics.line_numbers import LineBreaks
 from inercal.recordings.io.column_table import (
     BLOCK_ROWS,
     Array,
     Column,
+    LineBreaks,
     ReadRequest,
     Table,
     label_array,
     select_columns,
     shorten,
 )
-from inercal.recordings.io.plain_numbers import load_plain, probable_rows
+from inercal.recordings.io.plain_numbers import Scan, load_plain, probable_rows, scan
 from inercal.recordings.io.readers import Option, Reader
 from inercal.recordings.io.text_layout import (
     TextLayout,
@@ -36,7 +36,6 @@ from inercal.recordings.io.text_layout import (
     refuse_sheet_error,
     sniff,
 )
-from inercal.recordings.io.text_scan import Scan, scan
 
 _SPARE_ROWS = 1.25  # because lines may be shorter below those from which the rows are estimated
 _LARGEST_EXACT = 2.0**53  # float64 represents all smaller whole numbers exactly

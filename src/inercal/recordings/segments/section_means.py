@@ -42,15 +42,13 @@ from inercal.physics.plan import Rotation, Step, Turn
 from inercal.physics.sensors import Noise, Sensor
 from inercal.recordings import Mark, Observations, Recording, add_rounding
 from inercal.recordings.segments.attitudes import flaws_of_mark
-from inercal.recordings.segments.hand_motion_noise import (
-    density_without_hand_motion,
-    noise_degrees_of_freedom,
-)
 from inercal.recordings.segments.reading_steps import reading_steps
 from inercal.recordings.segments.rest_changes import require_still
 from inercal.recordings.segments.section_noise import (
     SectionNoise,
+    density_without_hand_motion,
     drift_notes,
+    noise_degrees_of_freedom,
     section_noise_statistics,
 )
 from inercal.recordings.temperature import temperature_varies
@@ -158,7 +156,7 @@ def average_sections(
     steps : sequence of Step
     by_hand : bool
         Whether the sensor trembles in a hand. The accelerometers' noise is then estimated along
-        gravity (`inercal.recordings.segments.hand_motion_noise`). Requires data without a trial
+        gravity (`inercal.recordings.segments.section_noise`). Requires data without a trial
         axis.
     found : bool
         Whether the sections are known to be at rest, because they were detected by their scatter or

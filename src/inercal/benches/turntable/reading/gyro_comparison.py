@@ -18,7 +18,7 @@ readback nearly stands still, its angle is taken to be within 10″.
 With r = g − v minus its prediction, and W the inverse of its covariance, a fault with the signature
 s has the significance sᵀ W r / √(sᵀ W s). The signatures are, for each axis, a step at a knot, a
 drift that begins at a knot, and a delay. Noise of the readback is recognised because it correlates
-neighbouring increments by −½. `window_fit` calculates W.
+neighbouring increments by −½. `readback_increments` calculates W.
 """
 
 # SciPy has no stubs.
@@ -34,11 +34,12 @@ from inercal.basics.arrays import Array, Indices
 from inercal.basics.units import format_count
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.readback_increments import (
+    LEAST_LEFT,
     Increments,
     KnotSpacing,
+    WindowFit,
     find_increments,
 )
-from inercal.benches.turntable.reading.window_fit import LEAST_LEFT, WindowFit
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Track, join_tracks
 

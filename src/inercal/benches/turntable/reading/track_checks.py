@@ -16,6 +16,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_duration, format_quantity
 from inercal.benches.column_orders import identity_permutation
 from inercal.benches.turntable.attitude import motion, reference_attitude
+from inercal.benches.turntable.bench import MAX_GAP_SECONDS as WITHOUT
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.exchange_fits import (
     MAX_SOUND_COST,
@@ -27,7 +28,6 @@ from inercal.benches.turntable.reading.exchange_fits import (
     moments,
 )
 from inercal.benches.turntable.reading.host_readback import Interruption, are_interrupted
-from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS as WITHOUT
 from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import GAP_FACTOR, Finding, Track

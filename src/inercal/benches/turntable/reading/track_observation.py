@@ -10,7 +10,13 @@ import numpy as np
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_duration, format_quantity
-from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.bench import (
+    COARSE_REST_SECONDS,
+    MAX_GAP_SECONDS,
+    MIN_REST_SECONDS,
+    Turntable,
+    settling_time,
+)
 from inercal.benches.turntable.reading import sample_checks
 from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
 from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
@@ -35,12 +41,6 @@ from inercal.benches.turntable.reading.track_checks import (
     ColumnNames,
     check_track,
     describe_sampling,
-)
-from inercal.benches.turntable.rest_timing import (
-    COARSE_REST_SECONDS,
-    MAX_GAP_SECONDS,
-    MIN_REST_SECONDS,
-    settling_time,
 )
 from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
 from inercal.physics.plan import Position, Rotation, TableStep
