@@ -14,6 +14,7 @@ from tests.refusals import refused
 from inercal.basics.errors import InputError
 from inercal.pipeline.drafts.clock_keys import clock_keys
 from inercal.pipeline.drafts.column_roles import ColumnRoles
+from inercal.pipeline.drafts.long_rest_recording import open_long_rest_recording
 from inercal.pipeline.drafts.rest_recording import read_rest_recording
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.samples import mean_step
@@ -165,3 +166,10 @@ def test_times_that_run_backwards_are_refused(tmp_path: Path):
     for stated in ({}, {"data.rate": "50 Hz"}):
         with refused(InputError, key="data.time", names=("t_s",)):
             read_rest_recording(path, stated)
+
+
+def test_an_unknown_key_is_refused_before_the_log_is_read(tmp_path: Path):
+    missing = tmp_path / "missing.csv"
+    for read in (read_rest_recording, open_long_rest_recording):
+        with refused(InputError, key="sensor.name"):
+            read(missing, {"sensor.name": "SN 7"})
