@@ -97,6 +97,7 @@ _CAUSES = {
     COARSE_READINGS: "rounding, whose errors this method does not include",
     WRONG_SOAK: "the temperature of this soak is wrong, or the sensor changed in it",
 }  # by `Finding.what`: no other cause can be tested while one of these is present
+_AGAIN = "measure it again, or "
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
 
@@ -314,7 +315,9 @@ def _steps_on_cause(
         suspect = best  # it hides all other causes
     if suspect is not None:
         advice = advisor.on_cause(suspect)
-        again = "measure it again, or " if suspect.kind == "bench" and not suspect.changes else ""
+        place = ErrorName(suspect.components[0]).place if len(suspect.components) == 1 else ""
+        again = f"measure it again at {place}, or, for all places, " if place else _AGAIN
+        again = again if suspect.kind == "bench" and not suspect.changes else ""
         text = f"{again}{_changes_words(advice)}" if advice.changes else advice.action
         yield _Step(f"{_sentence(text)}{'' if advice.changes else '.'}", advice)
     elif row is not None and row.adjusted < SIGNIFICANCE_LEVEL:
