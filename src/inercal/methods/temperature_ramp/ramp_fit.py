@@ -106,7 +106,7 @@ class RampModel(NamedTuple):
 
     def _of_element(self, kelvin: Array, rate: Array, lag: float) -> Array:
         """Return the element's temperature; behind a low-pass filter if the thermometer leads."""
-        if lag >= 0:
+        if lag > -self.blocks.seconds:  # R − |τ| dR/dt is accurate enough within a block
             return kelvin + lag * rate
         return first_order_response(kelvin.T, -lag, self.blocks.seconds).T
 
