@@ -8,6 +8,7 @@ from tests.evidence import temperature_ramps
 
 from inercal.basics.units import Measured
 from inercal.benches import Hand
+from inercal.calibration.grade import assess
 from inercal.methods.temperature_ramp import hysteresis, lag_and_rate_correlation, ramp, rest
 from inercal.methods.temperature_ramp.blocks import RampBlocks
 from inercal.methods.temperature_ramp.ramp_fit import ramp_model
@@ -82,6 +83,37 @@ def test_a_warm_up_that_is_estimated_is_not_taken_for_hysteresis():
     estimate = ramp(seen, sensor, bench, rest(), environment=environment)
     (loop,) = hysteresis(ramp_model(seen, sensor, environment), estimate.value)
     assert np.abs(loop.half).max() < 0.03 * size
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [{"drift": 2000 * ramps.DEG_H}, {"warm_up": 2000 * ramps.DEG_H}])
+def test_u_includes_an_unknown_time_constant(size: dict[str, float]):
+    # The advised time constant of a linear drift is half the run; that of the warm-up is wrong.
+    environment, found = Environment("ramp", warm_up=1800.0 if "drift" in size else 400.0), []
+    for seed in range(4):
+        made = ramps.record(np.random.default_rng(seed), ramps.PROFILES[UP_AND_DOWN](), **size)
+        found.append(temperature_ramps.errors_of_run(made, environment)[3])
+    assert np.mean(found) < 2.5  # with a fixed time constant far above 5
+
+
+@pytest.mark.parametrize("shape", ["drift", "hysteresis"])
+def test_a_drift_and_hysteresis_are_named_and_a_time_constant_is_at_most_half_the_run(shape: str):
+    element = ramps.PROFILES[UP_AND_DOWN]()
+    drift = 500 * ramps.DEG_H * (shape == "drift")
+    made = ramps.record(np.random.default_rng(8), element, drift=drift)
+    if shape == "hysteresis":
+        # Half the loop is built up after 7 K, a tenth of the range.
+        up, start = element[:1800] - element[0], float(np.exp(-7.0))
+        loop = np.concatenate([1 - np.exp(-up / 10), -1 + (2 - start) * np.exp(-up / 10)])
+        made.reading[:] += 500 * ramps.DEG_H * loop
+    sensor = temperature_ramps.gyro()
+    seen = temperature_ramps.observed(made)
+    estimate = ramp(seen, sensor, Hand(Measured(9.81, 1e-4)), rest())
+    assessment = assess(estimate, len(sensor.coefficients))
+    assert assessment.best is not None
+    assert assessment.best.name.startswith(shape)
+    for one in assessment.best.changes[1:]:
+        assert float(one.value.removesuffix(" s")) <= 0.5 * element.size
 
 
 @pytest.mark.slow

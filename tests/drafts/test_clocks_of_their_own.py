@@ -14,6 +14,7 @@ from tests.refusals import refused
 from inercal.basics.errors import InputError
 from inercal.pipeline.drafts.clock_keys import clock_keys
 from inercal.pipeline.drafts.column_roles import ColumnRoles
+from inercal.pipeline.drafts.long_rest_recording import open_long_rest_recording
 from inercal.pipeline.drafts.rest_recording import read_rest_recording
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.samples import mean_step
@@ -135,6 +136,26 @@ def test_rounded_stamps_state_the_mean_rate():
     assert mean_step(exact) == 10.0
 
 
+@pytest.mark.parametrize("name", ["t_ms", "tick", "date"])
+@pytest.mark.parametrize("stated", [{}, {"data.time": "given"}])
+def test_a_rate_that_contradicts_the_times_is_refused(name: str, stated: dict[str, str]):
+    stamps = np.arange(1000) * 10.0
+    column: Any = stamps
+    if name == "date":
+        since = np.datetime64("2026-11-23T03:10:09") + stamps.astype("m8[ms]")
+        column = np.array([str(one) for one in since], dtype=np.str_)
+    table = Table((name,), {name: column}, "log.csv", "", 2, header=True)
+    roles = ColumnRoles({}, {"time": name}, units={"time": "ms"} if name == "t_ms" else {})
+    with pytest.raises(InputError) as caught:
+        clock_keys(table, roles, {"data.rate": "55 Hz", "data.time_unit": "ms"} | stated)
+    assert caught.value.key == "[data] rate"
+    keys = {one.key: one.value for one in clock_keys(table, roles, {"data.rate": "110 Hz"})[1]}
+    assert keys["time"] == name
+    if name == "tick" and not stated:  # its unit is unknown
+        only = clock_keys(table, roles, {"data.rate": "55 Hz"})[1]
+        assert [one.key for one in only] == ["rate"]
+
+
 def test_times_that_run_backwards_are_refused(tmp_path: Path):
     time = 0.02 * np.arange(3000)[::-1]
     force = np.random.default_rng(0).normal([0, 0, 9.8], 0.01, (3000, 3))
@@ -145,3 +166,10 @@ def test_times_that_run_backwards_are_refused(tmp_path: Path):
     for stated in ({}, {"data.rate": "50 Hz"}):
         with refused(InputError, key="data.time", names=("t_s",)):
             read_rest_recording(path, stated)
+
+
+def test_an_unknown_key_is_refused_before_the_log_is_read(tmp_path: Path):
+    missing = tmp_path / "missing.csv"
+    for read in (read_rest_recording, open_long_rest_recording):
+        with refused(InputError, key="sensor.name"):
+            read(missing, {"sensor.name": "SN 7"})

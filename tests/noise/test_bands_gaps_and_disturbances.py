@@ -128,3 +128,26 @@ def test_noise_that_the_disturbed_times_change_by_more_than_u_is_not_to_be_relie
     for calm in (quiet, inercal.analyse_noise(shaken(0.0), terms="N", kinds=())):
         assert not calm.channels[0].disturbed
         require_stated(calm)
+
+
+def warm_ups_suspected(size: float, seeds: range) -> int:
+    """Return in how many recordings with a warm-up, °/h, the random walk is doubted."""
+    truth, found = replace(MEMS, n=16384, dt=1.0), 0
+    warm = size * DEG_H * np.exp(-4.5 * np.linspace(0.0, 1.0, truth.n))
+    for seed in seeds:
+        y = draw(truth, seed)[0] + warm
+        (channel,) = inercal.analyse_noise(recording(y, truth.dt), kinds=(), terms="NBK").channels
+        found += any("warm up" in one for one in channel.remarks) or bool(channel.drift)
+    return found
+
+
+@pytest.mark.slow
+def test_a_warm_up_is_suspected_and_a_random_walk_is_not():
+    assert warm_ups_suspected(200.0, range(3)) == 3
+    assert warm_ups_suspected(0.0, range(6)) == 0
+
+
+@pytest.mark.evidence
+def test_random_walks_rarely_look_like_a_warm_up():
+    # 99.9 % of a binomial of 200 with 1 %.
+    assert warm_ups_suspected(0.0, range(9000, 9200)) <= 8

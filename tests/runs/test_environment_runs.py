@@ -24,6 +24,7 @@ from inercal.pipeline import (
     simulate_files,
 )
 from inercal.pipeline.run_calibration import calibrate_run
+from inercal.recordings import Recording
 from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read
 
@@ -236,6 +237,27 @@ def test_a_ramp_up_and_down_finds_the_lag_and_the_biases(tmp_path: Path):
     assert any("dT/dt" in note for note in found.notes)
     assert "hysteresis of gx" in found.conditions
     assert not {one.what for one in outcome.findings} & {"one_way", "drift_in_time"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lag", ["20 s", "-20 s"])
+def test_apply_uses_a_lag_or_a_lead_and_warns_if_none_is_stated(lag: str, tmp_path: Path):
+    stated = {'kind = "ramp"': f'kind = "ramp"\nlag = "{lag}"'}
+    path = simulated(tmp_path, RAMP, stated)
+    found = calibrate(written(tmp_path, RAMP)).calibration
+    assert abs(float(found.conditions["lag of the temperature"].split()[0]) - int(lag[:-2])) < 1.5
+
+    def left(corrected: Recording) -> float:
+        """Return the difference between rising and falling temperature, rad/s."""
+        assert corrected.temperature is not None
+        rising = np.gradient(corrected.temperature) > 0
+        return abs(corrected.data[rising, 0].mean() - corrected.data[~rising, 0].mean())
+
+    without = apply(found, path)
+    assert [one.what for one in without.findings if one.severity == "warning"] == ["lag"]
+    corrected = apply(found, written(tmp_path, RAMP, stated))
+    assert not [one for one in corrected.findings if one.what == "lag"]
+    assert left(corrected) < 0.25 * left(without)
 
 
 def test_a_lag_that_is_stated_exactly_is_not_taken_for_hysteresis(tmp_path: Path):

@@ -1,6 +1,7 @@
 """The reduced table of a recording on a rate table, and a calibration from it."""
 
 import csv
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -129,3 +130,22 @@ def test_stated_deviations_override_the_columns(tmp_path: Path):
     path.write_text(stated, encoding="utf-8")
     covariance = calibrate(path).observations.covariance
     assert np.sqrt(covariance[:, 0, 0]) == pytest.approx(2e-3 * 9.80665)
+
+
+@pytest.mark.slow
+def test_a_wrong_radius_of_one_mounting_is_to_be_measured_again_there(tmp_path: Path):
+    source = Path(__file__).parents[2] / "examples" / "rate_table"
+    head, *rows = (source / "ship.csv").read_text(encoding="utf-8").splitlines()
+    mounting, az = head.split(",").index("mounting"), head.split(",").index("az")
+    for k, row in enumerate(rows):
+        cells = row.split(",")
+        if cells[mounting] == "ZY":
+            cells[az] = str(float(cells[az]) * 1.026)
+        rows[k] = ",".join(cells)
+    (tmp_path / "ship.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
+    shutil.copy(source / "ship.toml", tmp_path)
+    verdict = calibrate(tmp_path / "ship.toml").verdict
+    assert verdict.suspect is not None
+    assert verdict.suspect.name == "seat[ZY]"
+    (step,) = (line for line in verdict.lines if line.startswith("Next"))
+    assert "ZY" in step

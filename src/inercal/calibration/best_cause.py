@@ -378,6 +378,8 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
         return "check the sign and the unit of the autocollimator readings in [data]"
     if cause.kind == "bench" and cause.changes:
         return f"check whether the run file should state {changes_text(cause.changes)}"
+    if cause.name.startswith(HYSTERESIS) and cause.name.endswith("temperature"):
+        return "change the temperature more slowly; the conditions of the fit state half the loop"
     if cause.name.startswith(HYSTERESIS):
         return "turn slowly and without overshoot, and repeat the test; U does not include it"
     if cause.kind == "bench":

@@ -68,6 +68,8 @@ def cause_words(
         return f"the prior of the {coefficient_words(sensor, full, own)}"
     if kind == "bench":
         return bench_words(name, components, expected)
+    if name == "warm_up":
+        return "a warm-up of the sensor"
     return row_words(name) if kind == "row" else name
 
 

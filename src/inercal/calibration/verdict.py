@@ -104,6 +104,7 @@ _CAUSES = {
     WRONG_SOAK: "the temperature of this soak is wrong, or the sensor changed in it",
 }  # by `Finding.what`: no other cause can be tested while one of these is present
 _NOTES_ON_SAMPLES = ("gap", "repeated", "order", "implausible", "angles")
+_AGAIN = "measure it again, or "
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
 
@@ -337,7 +338,9 @@ def _steps_on_cause(
     yield from slow if suspect is None else ()
     if suspect is not None:
         advice = advisor.on_cause(suspect)
-        again = "measure it again, or " if suspect.kind == "bench" and not suspect.changes else ""
+        place = ErrorName(suspect.components[0]).place if len(suspect.components) == 1 else ""
+        again = f"measure it again at {place}, or, for all places, " if place else _AGAIN
+        again = again if suspect.kind == "bench" and not suspect.changes else ""
         if "latitude" in suspect.indistinguishable:
             again = "check the sign of the latitude, or "
         text = f"{again}{_changes_words(advice)}" if advice.changes else advice.action

@@ -123,7 +123,7 @@ def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
     """Show the coefficients of a calibration at given temperatures, with U = 2 u."""
     import numpy as np
 
-    from inercal.basics.units import format_value_and_uncertainty
+    from inercal.basics.units import ZERO_CELSIUS, format_value_and_uncertainty
     from inercal.calibration.display import temperature_curves
     from inercal.calibration.files import load
     from inercal.estimation.uncertainty import COVERAGE
@@ -156,7 +156,8 @@ def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
             " ± ".join(format_value_and_uncertainty(value / one.si, COVERAGE * std / one.si))
             for value, std in zip(one.value.tolist(), one.std.tolist(), strict=True)
         )
-        meaning = one.meaning if one.complete else f"{one.meaning}, change"
+        since = f", change from {calibration.sensor.reference_temperature - ZERO_CELSIUS:g} °C"
+        meaning = f"{one.meaning}{'' if one.complete else since}"
         table.append((one.name, meaning, *cells, one.unit))
     print_table(("coefficient", "meaning", *(f">{text}" for text in at), "unit"), table)
 

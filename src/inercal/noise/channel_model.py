@@ -17,19 +17,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.units import format_quantity
 from inercal.noise import filter_search
 from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient, NoiseRefusal
 from inercal.noise.coefficients import Method, estimate_coefficients, possible_method, undetermined
 from inercal.noise.cross_checks import Estimates
 from inercal.noise.deviations import Deviations
 from inercal.noise.disturbances import Disturbance
-from inercal.noise.drift_regression import DriftFit, find_drift
+from inercal.noise.drift_regression import DriftFit, find_drift, warm_up_size
 from inercal.noise.filter_search import FilterSearch
 from inercal.noise.goodness import judge_fit
 from inercal.noise.likelihood import extended, fit_terms
 from inercal.noise.lines import SpectralLine
 from inercal.noise.selection import Selection, select_terms
 from inercal.noise.spectrum import Bins, Spectrum, make_bins
+from inercal.noise.texts import SHOWN_UNIT
 from inercal.physics.quantities import SensorKind
 
 REFUSED = ("N", "B", "K")
@@ -309,6 +311,14 @@ def _refused(model: NoiseModel, cause: str) -> NoiseModel:
     return NoiseModel(model.selection, model.bins, model.drift, NoiseRefusal(REFUSED, cause))
 
 
+def _warm_up(one: ChannelSummary, model: NoiseModel) -> float:
+    """Return by how much a warm-up, not a random walk, changes the bias; 0 if there is none."""
+    fit = model.selection.fit
+    if "K" not in fit.symbols or one.low_values is None or model.drift is not None:
+        return 0.0
+    return warm_up_size(one.low_values, one.spectra, model.bins, fit)
+
+
 def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -> ChannelNoise:
     """Determine the noise of a channel from its summary.
 
@@ -330,6 +340,12 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
             selection, bins, one.octaves, one.quantity, used, one.longest
         )
         remarks = undetermined(selection, one.longest * one.dt)
+        if size := _warm_up(one, model):
+            text = format_quantity(abs(size), 0.0, SHOWN_UNIT[one.quantity], 2)
+            remarks.append(
+                f"the bias moves one way by {text}, which explains K better than a random walk: "
+                "did the sensor warm up? Record its temperature, or start the recording later"
+            )
     output, band = filter_search.settled_filter(bins, selection.fit), bins.limit
     if band < np.inf:
         # Compare the whole spectrum with the model that was fitted to its lower part.

@@ -212,9 +212,10 @@ def undetermined(selection: Selection, seconds: float) -> list[str]:
     if rivals:
         names = " or ".join(" + ".join(one.symbols) for one in rivals)
         more = ", ".join(f"{one.aic - fit.aic:+.1f}" for one in rivals)
+        why = ", but G is not significant" if rivals[0].aic < fit.aic else ""
         found.append(
-            f"{names} would describe the recording about as well as {' + '.join(fit.symbols)} "
-            f"(difference of AIC: {more})"
+            f"{names} would also describe the recording (difference of AIC from "
+            f"{' + '.join(fit.symbols)}: {more}; a smaller AIC is better{why})"
         )
     if hidden := hidden_terms(selection, seconds):
         found.append(

@@ -19,6 +19,7 @@ from inercal.noise.selection import CANDIDATES, Selection, select_terms
 from inercal.noise.spectrum import Bins, Spectrum, expected_periodogram
 
 DRIFT_RATIO = 10.83  # required drop of 2 L to include a regressor (0.1 %)
+_WARM_UPS = (1.0, 3.0, 8.0)  # length of the recording, in time constants
 _ROUNDS = 4
 
 
@@ -196,3 +197,21 @@ def find_drift(
         found, least = trials[name], trials[name].loss
         taken[name] = regressors[name]
     return found
+
+
+def warm_up_size(y: Array, spectra: tuple[Spectrum, ...], bins: Bins, fit: NoiseFit) -> float:
+    """Return by how much a warm-up, e^{−t/τ}, changes a bias that seems to walk; 0 if it walks.
+
+    Parameters
+    ----------
+    y, spectra, bins
+        See `fit_drift`.
+    fit : NoiseFit
+        The fit with a random walk and without a warm-up.
+    """
+    passed = np.arange(y.size) / y.size
+    shapes = (np.exp(-one * passed) for one in _WARM_UPS)
+    terms = ("".join(fit.symbols),)
+    found = [fit_drift(y, spectra, {"warm-up": one}, bins, terms) for one in shapes]
+    best = min(found, key=lambda one: one.loss)
+    return best.terms[0].value * (2 * (fit.loss - best.loss) > DRIFT_RATIO)

@@ -204,7 +204,7 @@ class RunAdvisor:
         return None if fitted is None else fitted.estimate
 
     def _completed(self, changes: tuple[Change, ...]) -> tuple[Change, ...]:
-        """Return the changes, including the coefficients that the run file already adds."""
+        """Return the changes that are not in the run file yet, with the coefficients that are."""
         stated = self._run.sections.get("method", {}).get("also", ())
         stated = () if self._run.adds_coefficients else stated
         return tuple(
@@ -212,6 +212,7 @@ class RunAdvisor:
             if (one.section, one.key) == ("method", "also")
             else one
             for one in changes
+            if self._run.sections.get(one.section, {}).get(one.key) != one.value
         )
 
     def _alternatives(self, cause: SuspectedCause) -> list[tuple[Change, ...]]:

@@ -24,6 +24,7 @@ from inercal.benches.hand.bench import visit_number
 from inercal.physics.motion import Motion
 from inercal.recordings.data.recording_loader import number_repeated_names
 from inercal.recordings.environment import ChamberProfile, Environment
+from inercal.recordings.temperature import first_order_response
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +104,10 @@ def in_chamber(
         moved, chamber, soak, order = _soak_course(done, profile, rate_hz)
     else:
         moved, chamber, soak, order = _ramp_course(done, profile, rate_hz)
-    element = _follow(chamber, profile.case_time, 1 / rate_hz)
+    first = first_order_response(chamber, profile.case_time, 1 / rate_hz)
     lag = 0.0 if environment.lag is None else environment.lag.value
-    recorded = _follow(element, lag, 1 / rate_hz)
+    later = first_order_response(first, abs(lag), 1 / rate_hz)
+    element, recorded = (later, first) if lag < 0 else (first, later)
     trials = moved.motion.f.shape[0]
     # Between soaks, the error is the same as in the previous soak.
     errors = environment.temperature_sd * rng.standard_normal((trials, soak.max() + 1))
@@ -192,20 +194,3 @@ def _rearranged(
         labels=np.where(held, "", done.labels[order]),
         readback={name: values[..., order] for name, values in done.readback.items()},
     )
-
-
-def _follow(driving: Array, time_constant: float, step: float) -> Array:
-    """Return the first-order response, (n,), to an input; it starts at the input's first value."""
-    if time_constant <= 0:
-        return driving
-    # This module takes long to import, and few simulations need it.
-    from scipy.signal import lfilter  # pyright: ignore
-
-    keep = float(np.exp(-step / time_constant))
-    # The input is linear between samples, so each step is a weighted sum of the values before and
-    # after it.
-    after = 1 - (1 - keep) * time_constant / step
-    before = 1 - keep - after
-    start = [(1 - after) * driving[0]]
-    result = lfilter([after, before], [1.0, -keep], driving, zi=start)[0]
-    return np.asarray(result, dtype=float)

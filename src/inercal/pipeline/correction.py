@@ -19,6 +19,7 @@ from inercal.pipeline.calibration_record import CROSSED_COLUMNS, KEPT_CORRECTION
 from inercal.recordings import Finding, Recording, ahead_of_lag
 from inercal.recordings.data import recording_loader
 from inercal.recordings.data.recording_loader import readback_columns, reader_columns
+from inercal.recordings.temperature import FOUND_LAG
 from inercal.runfile import Run, read
 from inercal.runfile.priors import describe_readout
 
@@ -102,6 +103,21 @@ def _rates_beyond(calibration: Calibration, recording: Recording) -> tuple[Findi
         f"reaches {reached:.4g} °/s, where scale factors and nonlinear terms were not measured"
     )
     return (Finding("warning", "range", text.replace("-", "−")),)
+
+
+def _unstated_lag(calibration: Calibration, run: Run) -> tuple[Finding, ...]:
+    """Return a warning if the calibration found a lag of the temperature that the run omits."""
+    found = calibration.conditions.get(FOUND_LAG)
+    if found is None or (run.environment is not None and run.environment.lag is not None):
+        return ()
+    lag, _, expanded, *_ = found.split()
+    if abs(float(lag)) <= float(expanded):
+        return ()
+    text = (
+        f"the temperature was not corrected for its lag, {found} by the calibration: state "
+        f'[environment] lag = "{lag} s" in {run.path}'
+    )
+    return (Finding("warning", "lag", text),)
 
 
 def _temperatures_beyond(
@@ -235,6 +251,7 @@ def apply(
             *recording.findings,
             *warmer,
             *beyond,
+            *_unstated_lag(calibration, run),
         ),
         data=np.concatenate([getattr(motion, kind) for kind in kinds], axis=-1),
         channels=sensed.names,

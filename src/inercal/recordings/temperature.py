@@ -207,6 +207,8 @@ def impossible_text(kelvin: float, remedy: str = ALLOW) -> str:
 
 
 SMOOTHING = 8.0  # s; longer would bias lags of 20 s, shorter would leave sensor noise in the rate
+FOUND_LAG = "lag of the temperature"
+"""Key in the conditions of a calibration."""
 TEMPERATURE_VARIATION = 0.5  # K; a smaller variation counts as constant temperature
 
 
@@ -235,11 +237,43 @@ def temperature_rate(time: Array, kelvin: Array) -> Array:
 
 
 def ahead_of_lag(recording: Recording, lag: float) -> Recording:
-    """Convert the temperature to that of the sensing element, R + τ dR/dt, for a lag τ in s."""
-    kelvin = recording.temperature
-    if kelvin is None or not lag:
+    """Convert the temperature R to that of the sensing element, T, for a lag τ in s.
+
+    If R lags, T = R + τ dR/dt. If R leads, τ < 0, T is R behind a low-pass filter: R = T − τ dT/dt.
+    """
+    kelvin, time = recording.temperature, recording.time
+    if kelvin is None or not lag or time.size < 2:
         return recording
-    return replace(recording, temperature=kelvin + lag * temperature_rate(recording.time, kelvin))
+    if lag < 0:
+        step = float(time[-1] - time[0]) / (time.size - 1)
+        return replace(recording, temperature=first_order_response(kelvin, -lag, step))
+    return replace(recording, temperature=kelvin + lag * temperature_rate(time, kelvin))
+
+
+def first_order_response(driving: Array, time_constant: float, step: float) -> Array:
+    """Return the first-order response to an input, (..., n), from the input's first value on.
+
+    Parameters
+    ----------
+    driving : (..., n) array
+        Input, which is linear between samples.
+    time_constant : float
+        s; the response is the input if it is not positive.
+    step : float
+        Time between samples, s.
+    """
+    if time_constant <= 0:
+        return driving
+    # This module takes long to import, and few runs need it.
+    from scipy.signal import lfilter  # pyright: ignore
+
+    keep = float(np.exp(-step / time_constant))
+    # Each step is a weighted sum of the values before and after it.
+    after = 1 - (1 - keep) * time_constant / step
+    before = 1 - keep - after
+    start = (1 - after) * driving[..., :1]
+    result = lfilter([after, before], [1.0, -keep], driving, zi=start)[0]
+    return np.asarray(result, dtype=float)
 
 
 def _box(values: Array, half: int) -> Array:

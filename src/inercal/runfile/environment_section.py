@@ -263,8 +263,6 @@ def _stated_lag(section: EnvironmentSection, chosen: Method[Any, Any]) -> Measur
     if section.lag is None:
         return None
     lag = measured_constant(section.lag, "s", "[environment] lag", last_digit=False)
-    if lag.value < 0:
-        raise key_error("[environment] lag", f"{section.lag!r} is negative; give 0 or more")
     weighed = chosen.follows_rest or (chosen.weighs_common_errors and section.kind == "soaks")
     if lag.sd and not weighed:
         raise key_error(

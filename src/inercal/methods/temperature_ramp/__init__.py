@@ -18,20 +18,27 @@ Findings and notes state the lag, the direction, hysteresis and drift, and which
 separated for accelerometers.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.units import ZERO_CELSIUS
+from inercal.basics.units import ZERO_CELSIUS, format_quantity
 from inercal.benches import Hand
 from inercal.estimation import Estimate
 from inercal.methods import Fit, Method, Priors, Remarks
 from inercal.methods.temperature_ramp.blocks import RampBlocks
 from inercal.methods.temperature_ramp.node_fit import NodeProblem, fit_along_nodes
-from inercal.methods.temperature_ramp.ramp_fit import LAG, RampModel, fit_ramp, ramp_model
+from inercal.methods.temperature_ramp.ramp_fit import (
+    LAG,
+    WARM_UP_RATE,
+    RampModel,
+    fit_ramp,
+    loop_shape,
+    ramp_model,
+)
 from inercal.methods.temperature_ramp.thermometer_steps import TRUNCATION
 from inercal.physics.plan import Hold
 from inercal.physics.sensors import Sensor
@@ -39,7 +46,9 @@ from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.recordings import Finding, Observations
 from inercal.recordings.environment import Environment
 from inercal.recordings.environment.soaks import with_temperature_shift
+from inercal.recordings.temperature import FOUND_LAG
 
+_SURE = 4.0  # standard deviations of a loop that is reported
 _STRONG = 0.9  # correlation between temperature and time
 _BINS = 20  # number of temperature bins in which rising and falling are compared
 
@@ -165,15 +174,20 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
     lag_sd = 0.0
     if LAG in model.nuisances:
         lag_sd = float(fit.estimate.std[model.names.index(LAG)])
-        conditions["lag of the temperature"] = _lag_text(model.lag_of(x), lag_sd)
+        conditions[FOUND_LAG] = _lag_text(model.lag_of(x), lag_sd)
+    if model.warm_up:
+        at = model.names.index(WARM_UP_RATE)
+        drifts = bool(x[at] < 2 * fit.estimate.std[at])
+        time_constant = "none, a drift in time" if drifts else f"{1 / x[at]:.0f} s"
+        conditions["time constant of the warm-up"] = time_constant
     notes = list(_lag_notes(model, x, lag_sd))
     if blocks.step:
         conditions["step of the thermometer"] = f"{blocks.step:.3g} K"
         notes += _step_notes(model, fit.environment)
-    if loops:
+    if sizes := list(_loop_uncertainties(model, x)):
         notes.append(
-            "Hysteresis between rising and falling temperature is not corrected. Half the loop "
-            "(see the conditions), divided by √3, must be added to u whenever the sensor is used."
+            "Hysteresis between rising and falling temperature is not corrected. Whenever the "
+            f"sensor is used, add half the loop, divided by √3, to u: {', '.join(sizes)}."
         )
     if sensor.select_axes("f").axes:
         notes.append(
@@ -214,6 +228,17 @@ def _loop_conditions(model: RampModel, x: Array) -> dict[str, str]:
     return found
 
 
+def _loop_uncertainties(model: RampModel, x: Array) -> Iterator[str]:
+    """Yield the uncertainty due to hysteresis of each axis whose residuals show a loop."""
+    residual = model.residual(x)
+    for k, one in enumerate(hysteresis(model, x)):
+        shape = model.whitening[k] @ loop_shape(model)
+        if abs(shape @ model.whitening[k] @ residual[:, k]) > _SURE * np.linalg.norm(shape):
+            u = float(np.abs(one.half).max(initial=0.0)) / np.sqrt(3)
+            unit = BIAS_UNITS[model.sensor.measures[one.axis]][1]
+            yield f"{format_quantity(u, 0.0, unit, 2)} for {one.axis}"
+
+
 def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:
     """Return notes on the lag, and on the errors from the lag and the bias's random walk."""
     blocks, k = model.blocks, model.steepest_axis(x)
@@ -225,9 +250,9 @@ def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:
     if LAG in model.nuisances:
         r = lag_and_rate_correlation(blocks, model.slope(x, k), model.whitening[k])
         lag = (
-            f"The recorded temperature lags the sensing element by "
-            f"{_lag_text(model.lag_of(x), lag_sd)}. The correlation of this lag with a term of "
-            f"dT/dt is {r:+.4f}, so only one of the two is estimated."
+            f"The recorded temperature {'lags' if model.lag_of(x) > 0 else 'leads'} the sensing "
+            f"element by {_lag_text(abs(model.lag_of(x)), lag_sd)}. The correlation of this lag "
+            f"with a term of dT/dt is {r:+.4f}, so only one of the two is estimated."
         )
         error = f"an error of the lag by its u shifts b(T) by {shift * lag_sd:.2g} {unit}"
     else:

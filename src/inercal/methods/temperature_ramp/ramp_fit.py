@@ -1,14 +1,23 @@
 """Fit a ramp by generalised least squares: coefficients, constants, and the lag if unknown.
 
-The candidates for score tests are temperature terms, a drift, and a warm-up. A warm-up exp(−t/τ)
-has an unknown time constant. The search selects the time constant that explains the residuals best.
-The derivative with respect to ln τ is also a component of the candidate, so the significance of the
-test allows for the search.
+A warm-up changes the bias by an amount per axis, with a time constant τ that all axes share::
+
+    (e^{−t/τ} − e^{−L/τ})/(1 − e^{−L/τ}),    t = 0 … L
+
+This is 1 at the start and 0 at the end of the recording, so the biases apply at the end. At 1/τ = 0
+it is a drift linear in time. 1/τ is estimated too, and the stated τ only gives the prior
+1/τ ± 1/τ, because a wrong τ would bias the coefficients.
+
+The candidates for score tests are temperature terms, a drift, hysteresis, and a warm-up. For the
+warm-up the search selects the time constant that explains the residuals best. The derivative with
+respect to 1/τ is also a component of the candidate, so the significance of the test allows for the
+search.
 
 The model computes readings and their derivatives axis by axis.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +28,10 @@ from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.run_file_advice import Change
 from inercal.estimation import Candidate, Estimate, Gaussian, Problem, least_squares
 from inercal.estimation.problem import Linearise
+from inercal.estimation.scores import HYSTERESIS
 from inercal.methods import Priors
 from inercal.methods.candidates import (
     Column,
-    candidate,
     coefficient_column,
     extended_sensor,
     prior_candidates,
@@ -35,10 +44,14 @@ from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.recordings import Observations
 from inercal.recordings.environment import Environment
+from inercal.recordings.temperature import first_order_response
 
 LAG = "lag"
+WARM_UP_RATE = "warm_up_rate"  # 1/τ
 _LONGEST = 0.5  # of the recording's duration; a slower warm-up is a drift
-_COARSE, _FINE = 16, 9  # number of time constants that are tried
+_STEP = 0.01  # s, of the lag in derivatives
+_STRAIGHT = 1e-6  # L/τ, of a drift that is linear in time
+_TRIED = 40  # number of time constants
 WIDEST_LAG = 300.0  # s, standard deviation of the lag if it is not stated
 _NATURAL = {"f": G0, "w": 1.0}
 
@@ -54,11 +67,11 @@ class RampModel(NamedTuple):
     whitening : list of (b, b) array
         Whitening matrix for each axis.
     nuisances : tuple of str
-        The constants, "constant[gx]", a warm-up, and the lag if it is estimated.
+        The constants, "constant[gx]", a warm-up and its 1/τ, and the lag if it is estimated.
     lag : float
         The lag if it is not estimated, s.
     warm_up : float
-        Time constant of a warm-up, s; 0 means none.
+        Time constant of a warm-up as stated, s; 0 means none.
     node_shift : (k,) array or None
         For a coarse thermometer: change of the temperature curve's nodes from their values before
         the fit, K.
@@ -83,14 +96,19 @@ class RampModel(NamedTuple):
 
     def temperature_offset(self, x: Array) -> Array:
         """Return ΔT of the sensing element in the blocks, (b,) K."""
-        kelvin, rate = self._course()
-        return kelvin + self.lag_of(x) * rate - self.sensor.reference_temperature
+        return self._of_element(*self._course(), self.lag_of(x)) - self.sensor.reference_temperature
 
     def node_effect(self, x: Array) -> Array:
         """Return the sensitivity of the block temperatures to the nodes, (b, k)."""
         course = self.blocks.course
         assert course is not None
-        return course.kelvin + self.lag_of(x) * course.rate
+        return self._of_element(course.kelvin, course.rate, self.lag_of(x))
+
+    def _of_element(self, kelvin: Array, rate: Array, lag: float) -> Array:
+        """Return the element's temperature; behind a low-pass filter if the thermometer leads."""
+        if lag > -self.blocks.seconds:  # R − |τ| dR/dt is accurate enough within a block
+            return kelvin + lag * rate
+        return first_order_response(kelvin.T, -lag, self.blocks.seconds).T
 
     def _course(self) -> tuple[Array, Array]:
         """Return R and dR/dt in the blocks, (b,) K and K/s."""
@@ -101,6 +119,18 @@ class RampModel(NamedTuple):
             blocks.kelvin + blocks.course.kelvin @ shift,
             blocks.rate + blocks.course.rate @ shift,
         )
+
+    def warm_up_shape(self, rate: float) -> tuple[Array, Array]:
+        """Return the course of a warm-up and its derivative by 1/τ = `rate`, 1/s, (b,)."""
+        end = float(self.blocks.time[-1])
+        step = 1e-3 / end
+
+        def shape(rate: float) -> Array:
+            decay = rate * end if abs(rate * end) > _STRAIGHT else _STRAIGHT
+            passed = self.blocks.time / end
+            return np.exp(-decay * passed) * np.expm1(-decay * (1 - passed)) / np.expm1(-decay)
+
+        return shape(rate), (shape(rate + step) - shape(rate - step)) / (2 * step)
 
     def slope(self, x: Array, k: int) -> Array:
         """Return db/dT for axis k in the blocks, (b,) SI per K."""
@@ -132,7 +162,13 @@ class RampModel(NamedTuple):
             jacobian, slope = self._of_axis(x, k)
             residuals.append(whitening @ (self.blocks.reading[:, k] - jacobian @ x))
             if LAG in self.nuisances:
-                jacobian[:, self.names.index(LAG)] = slope * self._course()[1]
+                lag, course = self.lag_of(x), self._course()
+                later, earlier = (self._of_element(*course, lag + by) for by in (_STEP, -_STEP))
+                jacobian[:, self.names.index(LAG)] = slope * (later - earlier) / (2 * _STEP)
+            if self.warm_up:
+                at = self.names.index(WARM_UP_RATE)
+                size = x[self.names.index(f"warm_up[{self.sensor.axes[k].name}]")]
+                jacobian[:, at] = size * self.warm_up_shape(float(x[at]))[1]
             jacobians.append(whitening @ jacobian)
         return np.concatenate(residuals), np.concatenate(jacobians)
 
@@ -152,7 +188,8 @@ class RampModel(NamedTuple):
         jacobian[:, names.index(f"constant[{axis.name}]")] = 1.0
         if self.warm_up:
             at = names.index(f"warm_up[{axis.name}]")
-            jacobian[:, at] = np.exp(-blocks.time / self.warm_up)
+            rate = float(x[names.index(WARM_UP_RATE)])
+            jacobian[:, at] = self.warm_up_shape(rate)[0]
         return jacobian, slope
 
 
@@ -193,7 +230,7 @@ def ramp_model(
         )
     nuisances = [f"constant[{name}]" for name in sensor.channels]
     if environment.warm_up:
-        nuisances += [f"warm_up[{name}]" for name in sensor.channels]
+        nuisances += [*(f"warm_up[{name}]" for name in sensor.channels), WARM_UP_RATE]
     stated = environment.lag
     # For a linear bias, the lag and the dT/dt term have the same effect, so with this term the lag
     # must be known.
@@ -244,12 +281,14 @@ def solve_ramp(
     """Solve the whitened rows from `linearise`, starting at the given lag, s."""
     names, sensor = model.names, model.sensor
     scale = np.array([*sensor.unit_scale, *(_size(name, sensor) for name in model.nuisances)])
-    # At zero coefficients the lag has no effect, so the search starts from a fit at the given lag.
+    # At zero coefficients, lag and τ have no effect: the search starts from a fit at given values.
     start = np.zeros(len(names))
     if LAG in model.nuisances:
         start[-1] = lag
+    if model.warm_up:
+        start[names.index(WARM_UP_RATE)] = 1 / model.warm_up
     residual, jacobian = model.linearise(start)
-    free = [k for k, name in enumerate(names) if name != LAG]
+    free = [k for k, name in enumerate(names) if name not in (LAG, WARM_UP_RATE)]
     by = np.linalg.lstsq(jacobian[:, free] * scale[free], residual, rcond=1e-12)[0]
     start[free] += by * scale[free]
     return least_squares(
@@ -270,6 +309,8 @@ def _size(name: str, sensor: Sensor) -> float:
     """Return the natural size of a nuisance, SI."""
     if name == LAG:
         return 100.0
+    if name == WARM_UP_RATE:
+        return 1e-3
     axis = ErrorName(name).place
     return _NATURAL[sensor.measures[axis]]
 
@@ -278,12 +319,16 @@ def _nuisance_priors(model: RampModel, environment: Environment) -> list[Gaussia
     """Return priors on the constants and on the lag.
 
     The attitude is unknown, so a component of the earth's rate is treated as 0 ± Ω/√3 and a
-    component of gravity as 0 ± g. An accelerometer's bias affects only the constant.
+    component of gravity as 0 ± g. An accelerometer's bias affects only the constant. The prior on
+    1/τ of a warm-up allows a linear drift, 1/τ = 0.
     """
     result: list[Gaussian] = []
     for axis in model.sensor.axes:
         sd = EARTH_RATE / np.sqrt(3) if axis.measures == "w" else G0
         result.append(Gaussian.independent((f"constant[{axis.name}]",), [0.0], [sd]))
+    if model.warm_up:
+        rate = 1 / model.warm_up
+        result.append(Gaussian.independent((WARM_UP_RATE,), [rate], [rate]))
     if LAG in model.nuisances:
         stated = environment.lag
         value, sd = (0.0, WIDEST_LAG) if stated is None else (stated.value, stated.sd)
@@ -320,14 +365,41 @@ def _coefficient_candidates(model: RampModel, x: Array) -> list[Candidate]:
 
 
 def _drift_candidates(model: RampModel) -> list[Candidate]:
-    """Return a candidate for drift, linear in time from the first block to the last."""
+    """Return candidates for a drift, linear in time, and for hysteresis over temperature."""
     time = model.blocks.time
     shape = (time - time.mean()) / max(float(np.ptp(time)), 1e-300)
-    drifts = [
-        Column(f"drift of {axis.name}", QUANTITIES[axis.measures].unit, _column(model, k, shape))
-        for k, axis in enumerate(model.sensor.axes)
-    ]
-    return [candidate(one.name, "time", [one]) for one in drifts]
+    loop = (
+        () if model.blocks.is_monotonic else ((HYSTERESIS, " over temperature", loop_shape(model)),)
+    )
+    keys = () if model.warm_up or not loop else _warm_up_keys(_LONGEST * float(time[-1]))
+    found: list[Candidate] = []
+    for before, after, values in (("drift of ", "", shape), *loop):
+        columns = [
+            Column(name, QUANTITIES[axis.measures].unit, _column(model, k, values))
+            for k, axis in enumerate(model.sensor.axes)
+            for name in (f"{before}{axis.name}{after}",)
+        ]
+        together = together_and_alone("time", [(f"{before}all axes{after}", columns)])
+        found += [replace(one, changes=() if after else keys) for one in together]
+    return found
+
+
+def loop_shape(model: RampModel) -> Array:
+    """Return a loop that closes within a sixth of the range after a turn of the temperature, (b,).
+
+    The bias retains a part of the last change: dz = (±1 − z) |dT|/ΔT.
+    """
+    loop, kelvin = [0.0], model.blocks.kelvin
+    for change in (6 * np.diff(kelvin) / float(np.ptp(kelvin))).tolist():
+        loop.append(loop[-1] + (np.sign(change) - loop[-1]) * min(abs(change), 1.0))
+    return np.array(loop)
+
+
+def _warm_up_keys(seconds: float) -> tuple[Change, ...]:
+    return (
+        Change("environment", "kind", "ramp"),
+        Change("environment", "warm_up", f"{float(f'{seconds:.3g}'):g} s"),
+    )
 
 
 def _warm_up_candidates(model: RampModel, x: Array) -> list[Candidate]:
@@ -337,25 +409,22 @@ def _warm_up_candidates(model: RampModel, x: Array) -> list[Candidate]:
     residual, jacobian = model.linearise(x)
     length = np.linalg.norm(jacobian, axis=0)
     q, _ = np.linalg.qr(jacobian / np.where(length > 0, length, 1.0))
-    time, axes = model.blocks.time, range(len(model.sensor.axes))
+    axes = range(len(model.sensor.axes))
 
-    def columns(tau: float) -> Array:
-        return np.stack([_column(model, k, np.exp(-time / tau)) for k in axes], axis=-1)
+    def columns(shape: Array) -> Array:
+        return np.stack([_column(model, k, shape) for k in axes], axis=-1)
 
     def explained(tau: float) -> float:
-        left = columns(tau)
-        left = left - q @ (q.T @ left)
-        u, _ = np.linalg.qr(left)
+        left = columns(model.warm_up_shape(1 / tau)[0])
+        u, _ = np.linalg.qr(left - q @ (q.T @ left))
         return float(np.sum((u.T @ residual) ** 2))
 
-    shortest, longest = model.blocks.seconds, _LONGEST * float(time[-1])
-    best, ratio, count = float(np.sqrt(shortest * longest)), np.sqrt(longest / shortest), _COARSE
-    for _ in range(3):
-        tried: Array = np.geomspace(best / ratio, best * ratio, count)
-        best = max(tried.tolist(), key=explained)
-        ratio, count = float(tried[1] / tried[0]), _FINE
-    wave = np.stack([_column(model, k, time / best * np.exp(-time / best)) for k in axes], axis=-1)
-    names = [axis.name for axis in model.sensor.axes]
+    tried: Array = np.geomspace(
+        model.blocks.seconds, _LONGEST * float(model.blocks.time[-1]), _TRIED
+    )
+    best = max(tried.tolist(), key=explained)
+    shape, change = model.warm_up_shape(1 / best)
+    names = list(model.sensor.channels)
     units = tuple(QUANTITIES[axis.measures].unit for axis in model.sensor.axes)
     return [
         Candidate(
@@ -363,13 +432,10 @@ def _warm_up_candidates(model: RampModel, x: Array) -> list[Candidate]:
             "time",
             (
                 *(f"warm_up[{name}]" for name in names),
-                *(f"change of warm_up[{name}] by ln τ" for name in names),
+                *(f"change of warm_up[{name}] by ln 1/τ" for name in names),
             ),
             (*units, *units),
-            np.concatenate([columns(best), wave], axis=1),
-            changes=(
-                Change("environment", "kind", "ramp"),
-                Change("environment", "warm_up", f"{best:.3g} s"),
-            ),
+            np.concatenate([columns(shape), columns(change / best)], axis=1),
+            changes=_warm_up_keys(best),
         )
     ]

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
 from inercal.pipeline.drafts.readouts import GuessedReadout
 from inercal.recordings import Recording
+from inercal.recordings.data.recording_loader import SAME_RATE, require_same_rate
 from inercal.recordings.io.audit import burst_findings
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.row_checks import shared_stamps_text
@@ -23,7 +25,6 @@ from inercal.recordings.samples import mean_step
 
 _TIME_UNITS = ("s", "ms", "µs", "ns")
 _RATES = (1.0, 20e3)  # Hz, plausible sampling rates of IMUs
-_SAME_RATE = 0.2  # stated rates are nominal
 _ROUNDED_STEPS = 1e-3  # the mean of rounded steps may differ from their median, relative
 
 
@@ -47,7 +48,8 @@ def clock_keys(
     column = table.columns[name]
     if column.dtype.kind == "U":
         seconds, _ = times_from_iso(column.tolist(), name, table)
-        _require_steps(table, name, seconds, "s")
+        step = _require_steps(table, name, seconds, "s")
+        require_same_rate(hertz or 1 / step, name, 1 / step, Path(table.source))
         return seconds, (entry,)
     stamps = column.astype(np.float64)
     wrap: tuple[DraftKey, ...] = ()
@@ -59,19 +61,25 @@ def clock_keys(
     if step == 1.0 and np.all(stamps == np.rint(stamps)):
         counter = DraftKey("data", "time_unit", "sample", "its steps are 1, so it counts samples")
         return by_rate, (entry, counter, *wrap, rate_key)
-    unit = roles.units.get("time") or _unit_of_step(step)
-    if hertz is not None and "data.time" not in stated:
-        units = [one for one in (unit, *_TIME_UNITS) if _agrees(hertz * step * si_factor(one))]
-        if not units:  # the column counts something else, such as ticks
-            return by_rate, (rate_key,)
-        unit = units[0]
+    known = stated.get("data.time_unit", roles.units.get("time"))
+    if known == "sample":
+        return by_rate, (entry, replace(entry, key="time_unit", value=known), *wrap, rate_key)
+    unit = known or _unit_of_step(step)
+    if hertz is not None and known is None:
+        tried = ((one, hertz * step * si_factor(one)) for one in (unit, *_TIME_UNITS))
+        units = [one for one, ratio in tried if abs(ratio - 1) < SAME_RATE]
+        if not units and "data.time" not in stated:
+            return by_rate, (rate_key,)  # the column counts something else, such as ticks
+        unit = next(iter(units), unit)
+    mean = mean_step(stamps)
+    found = 1 / (mean * si_factor(unit))
+    require_same_rate(hertz or found, name, found, Path(table.source))
     seconds, _ = times_from_origin(stamps, si_factor(unit))
     if roles.reasons.get("time") != STATED and (why := _bursts(seconds)):
         return by_rate, (replace(rate_key, ask=f"{ask}; {name} is no clock: {why}"),)
-    mean = mean_step(stamps)
     rounded = abs(mean / step - 1) > _ROUNDED_STEPS
     typical = f"{mean:.4g} {unit} on average" if rounded else f"{step:.6g} {unit}"
-    hz = 1 / ((mean if rounded else step) * si_factor(unit))
+    hz = found if rounded else 1 / (step * si_factor(unit))
     reason = f"its steps are {typical}, {hz:.{4 if rounded else 5}g} Hz"
     units = () if unit == "s" else (DraftKey("data", "time_unit", unit, reason),)
     return seconds, (replace(entry, reason=reason) if not units else entry, *units, *wrap)
@@ -94,10 +102,6 @@ def _bursts(seconds: Array) -> str:
     """Return why stamps that come in bursts are no times of samples; empty if they are."""
     alone = Recording(seconds, np.zeros((seconds.size, 1)), ("t",), ("s",))
     return "; ".join(finding.message for finding in burst_findings(alone))
-
-
-def _agrees(ratio: float) -> bool:
-    return abs(ratio - 1) < _SAME_RATE
 
 
 def _unit_of_step(step: float) -> str:

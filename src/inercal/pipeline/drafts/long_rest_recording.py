@@ -18,7 +18,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
 from inercal.noise import NoiseStream
 from inercal.noise.pieces import FEW_LOST, JITTER, LOST_SHARE
-from inercal.pipeline.drafts.rest_recording import RestLayout, rest_layout
+from inercal.pipeline.drafts.rest_recording import RestLayout, require_used_keys, rest_layout
 from inercal.pipeline.drafts.stated_keys import stated_options, stated_values
 from inercal.recordings.io.long_tables import LongTable, open_long_table
 from inercal.recordings.io.time_stamps import times_from_origin
@@ -112,6 +112,7 @@ def open_long_rest_recording(
     InputError
         As `read_rest_recording`.
     """
+    require_used_keys(stated)
     skip = cast("int", stated_options(stated_values(stated), log).get("skip", 0))
     table = open_long_table(log, LONG_VALUES if most_values is None else most_values, skip)
     if table is None:

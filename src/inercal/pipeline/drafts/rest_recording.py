@@ -145,6 +145,7 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
         If a key has no effect, if there is no sensor column, if a unit or the rate is not known, or
         if the audit refuses the recording.
     """
+    require_used_keys(stated)
     try:
         table = read_log_table(log, stated_options(stated_values(stated), log))
         layout = rest_layout(log, table, stated)
@@ -188,7 +189,6 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
     InputError
         If a key has no effect, if there is no sensor column, or if a unit or the rate is not known.
     """
-    _require_used_keys(stated)
     values = stated_values(stated)
     table, signs = sign_columns(without_unusable(table), values.get("data.signed_bits"))
     columns = stated_columns(values, table, second_file=False)
@@ -292,7 +292,8 @@ def in_si(recording: Recording, readouts: list[Readout], units: list[str]) -> Re
     return replace(recording, data=(recording.data - offsets) / scales, units=tuple(units))
 
 
-def _require_used_keys(stated: Mapping[str, str]) -> None:
+def require_used_keys(stated: Mapping[str, str]) -> None:
+    """Raise an error for a stated key that has no effect in a noise analysis."""
     possible = (*_KEYS, *(f"data.{name}" for name in known_options()))
     unused = [key for key in stated if key not in possible]
     if unused:

@@ -19,7 +19,7 @@ from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.read import Columns, detect_reader, read_recording
 from inercal.recordings.io.section_files import read_sections
 
-_SAME_RATE = 0.2  # relative; stated rates are nominal
+SAME_RATE = 0.2  # relative; stated rates are nominal
 READBACK = "readback"  # key in `DataSection.further_files` for the file with the bench's readback
 
 
@@ -98,12 +98,17 @@ def _require_stated_rate(run: RunBase[DataSection], recording: Recording) -> Non
     data, stated = run.data, run.rate_hz
     if stated is None or data.time is None or data.time_unit == "sample":
         return
-    if abs(recording.rate_hz / stated - 1) > _SAME_RATE:
+    require_same_rate(stated, str(data.time), recording.rate_hz, run.path)
+
+
+def require_same_rate(stated: float, column: str, found: float, path: Path) -> None:
+    """Raise an error if the rate that a column of times gives is not about the stated rate, Hz."""
+    if abs(found / stated - 1) > SAME_RATE:
         raise key_error(
             "[data] rate",
-            f"{data.rate!r} contradicts column {str(data.time)!r}, whose times give "
-            f"{recording.rate_hz:.4g} Hz; correct the rate or time_unit, or remove rate",
-            run.path,
+            f"{stated:.4g} Hz contradicts column {column!r}, whose times give {found:.4g} Hz; "
+            "correct the rate or time_unit, or remove rate",
+            path,
         )
 
 

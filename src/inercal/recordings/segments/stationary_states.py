@@ -174,7 +174,10 @@ def _lost_motion_texts(recording: Recording) -> list[str]:
                 f"({recording.where(before)}): states may be missing there"
             )
     if turning[-1]:
-        texts.append(f"the recording ends while the table turns under {labels[-1]}")
+        texts.append(
+            f"the recording ends while the table turns under {labels[-1]}; record until the table "
+            "stands still"
+        )
     return texts
 
 
