@@ -175,7 +175,7 @@ def test_apply_corrects_a_recording_to_specific_force_and_rates(
     said("apply", calibration, path, "--out", out, "--force")
     table = np.genfromtxt(out, delimiter=",", names=True, skip_header=1)  # the mark
     counts = {"samples": table.size, "extrapolated": 0}
-    assert printed == {"recording": str(out), **counts, "warnings": []}
+    assert printed == {"recording": str(out), **counts, "moved": [], "warnings": []}
     assert table.dtype.names == ("time", "fx", "fy", "fz", "wx", "wy", "wz")
     # x is up first: 4 s at rest. Before, its bias alone was 0.3 m/s² and gy's 0.5 °/s.
     rest = table[:200]

@@ -54,6 +54,7 @@ PYTHON = {
     "docs/how-to/export.md": "export/test_export_example.py",
     "docs/how-to/ferraris.md": "examples/test_examples.py",
     "docs/how-to/first-calibration.md": "examples/test_docs.py",
+    "docs/how-to/fleet.md": "fleet/test_line.py",
     "docs/how-to/imu-packets.md": "host/packets/test_how_to_page.py",
     "docs/how-to/noise.md": "noise/test_analysis.py",
     "docs/how-to/own-bench.md": "examples/test_docs.py",

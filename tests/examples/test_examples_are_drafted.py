@@ -73,6 +73,7 @@ LAB = {
     "sensor.accelerometer.scale": "0.1 V/g",
 }
 RAMP = {"sensor.gyro.unit": "°/s", "sensor.gyro.bias_instability": "5 °/h"}
+HARMONICS = {"bench.harmonics": '["1.9 ″", "1.6 ″"]', "bench.division": "1.6 ″"}
 HEAD = {"bench.gravity": "9.80123 m/s² ± 5 µm/s²", "sensor.accelerometer.scale": "1.3 V/g"}
 QA = {"bench.gravity": "9.80665 m/s² ± 5 µm/s²", "sensor.accelerometer.scale": "3 V/g"}
 EXAMPLE_LOGS = {
@@ -90,7 +91,7 @@ CASES = [
     Example("measure/readings.txt", {"sensor.accelerometer.scale": "2 V/g"}, "six_position"),
     Example("centrifuge/dwells.csv", {"bench.radius": "1 m ± 10 µm"}, "centrifuge_norm"),
     Example("centrifuge/lab.csv", LAB, "centrifuge_norm", "centrifuge/lab"),
-    Example("dividing_head/lab.csv", {}, "dual_orthogonal", "dividing_head/lab"),
+    Example("dividing_head/lab.csv", HARMONICS, "dual_orthogonal", "dividing_head/lab"),
     Example("dividing_head/tumble.csv", HEAD, "tumble", "dividing_head/tumble"),
     Example("qualify/tumble.csv", HEAD, "tumble"),
     Example("prior/QA_21.csv", QA, "tumble", "prior/QA_21"),

@@ -1,5 +1,6 @@
 """The template of a line and its table of sensors."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -9,11 +10,31 @@ from tests.refusals import refused
 from inercal.basics.errors import InputError
 from inercal.fleet.line import read_line
 
+ROOT = Path(__file__).parents[2]
+
 
 def write_line(folder: Path, template: str, table: str) -> Path:
     (folder / "run.toml").write_text(template, encoding="utf-8")
     (folder / "sensors.csv").write_text(table, encoding="utf-8")
     return folder
+
+
+def test_the_table_of_a_line_is_written_from_its_folders_as_on_the_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    page = (ROOT / "docs" / "how-to" / "fleet.md").read_text(encoding="utf-8")
+    for path in ("data/2026-11-24/QK26-1064.csv", "data/2026-11-25/QK26-1029.csv"):
+        (tmp_path / path).parent.mkdir(parents=True)
+        (tmp_path / path).touch()
+    monkeypatch.chdir(tmp_path)
+    exec(re.findall(r"```python\n(.*?)```", page, re.S)[0], {})
+    (tmp_path / "run.toml").write_text(TEMPLATE, encoding="utf-8")
+    rows = read_line(tmp_path).rows
+    assert [(row.id, row.columns["measured"]) for row in rows] == [
+        ("QK26-1064", "2026-11-24"),
+        ("QK26-1029", "2026-11-25"),
+    ]
+    assert rows[1].recording == "data/2026-11-25/QK26-1029.csv"
 
 
 def test_values_are_substituted_not_text(tmp_path: Path):

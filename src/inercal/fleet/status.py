@@ -222,8 +222,8 @@ def _common_values(line: Line, kind: str, named: Collection[str]) -> Iterator[st
     """Yield the values that all named sensors share, where chance makes this improbable."""
     count, of = len(named), len(line.rows)
     for column in line.columns if count > 1 else ():
-        values = {row.id: row.columns[column].partition("T")[0] for row in line.rows}
-        shared = {values[name] for name in named if name in values}
+        values = {row.id: row.columns.get(column, "").partition("T")[0] for row in line.rows}
+        shared = {values[name] for name in named if values.get(name)}
         among = sum(value in shared for value in values.values())
         if len(shared) == 1 and comb(among, count) < _BY_CHANCE * comb(of, count):
             same = f"{column} {shared.pop()}; so do {among} of all {of} sensors"

@@ -23,7 +23,7 @@ from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
 from inercal.pipeline.drafts.draft_entries import ANYWHERE, UNKNOWN, DraftKey
 from inercal.pipeline.drafts.method_trials import RAMP
 from inercal.pipeline.drafts.quiet_sections import QuietMeans, find_quiet_sections, rest_means
-from inercal.pipeline.drafts.rate_tables import angle_unit_key, collimation_key, rate_unit
+from inercal.pipeline.drafts.rate_tables import angle_unit_key, collimation_keys, rate_unit
 from inercal.pipeline.drafts.readouts import (
     GuessedReadout,
     far_off,
@@ -280,7 +280,7 @@ def data_keys(
             if role in ("angle", "autocollimator", "level", "roll"):
                 entries += angle_unit_key(f"{role}_unit".replace("roll", "angle"), name)
             if role == "autocollimator":
-                entries += collimation_key(table, roles)
+                entries += collimation_keys(table, roles)
             if role == "table_rate":
                 entries.append(DraftKey("data", "table_rate_unit", *rate_unit(table, roles)))
             if role == "arm_rate" and (unit := roles.units["arm_rate"]) != "rpm":

@@ -27,6 +27,7 @@ _NEAR = 0.12  # relative to a unit's size
 _FEWEST_ROWS = 3
 _FACES = 6  # at rest, or poses, that the accelerometers need
 _ABSENT = ("", "nan")
+_UNCERTIFIED = "2 ″"  # deviation of a face of a polygon without certificate
 _ERRORS = {
     "rate_scale": "standard deviation of the scale of all rates",
     "rate_asymmetry": "difference of the two senses",
@@ -108,7 +109,7 @@ def angle_unit_key(key: str, column: str) -> tuple[DraftKey, ...]:
     return () if unit in (None, "°") else (DraftKey("data", key, unit, "by its name"),)
 
 
-def collimation_key(table: Table, roles: ColumnRoles) -> tuple[DraftKey, ...]:
+def collimation_keys(table: Table, roles: ColumnRoles) -> tuple[DraftKey, ...]:
     """Return how an autocollimator was used, judged by the positions with a reading."""
     reading = np.nan_to_num(table.numbers(roles.single["autocollimator"]))
     if not reading.any():
@@ -117,7 +118,11 @@ def collimation_key(table: Table, roles: ColumnRoles) -> tuple[DraftKey, ...]:
     quarters = table.numbers(roles.single["angle"]) * si_factor(angle) / (np.pi / 2)
     pairs = np.allclose(quarters[reading != 0], np.rint(quarters[reading != 0]), atol=1e-3)
     reason = "its readings are at " + ("0°, 90°, 180° and 270°" if pairs else "other angles, too")
-    return (DraftKey("bench", "autocollimation", "pairs" if pairs else "every", reason),)
+    faces = "deviation of a face: state [bench] polygon with its certificate for less uncertainty"
+    return (
+        DraftKey("bench", "autocollimation", "pairs" if pairs else "every", reason),
+        DraftKey("bench", "certificate", _UNCERTIFIED, faces),
+    )
 
 
 def rate_unit(table: Table, roles: ColumnRoles) -> tuple[str, str]:
