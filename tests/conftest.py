@@ -41,7 +41,7 @@ def pytest_report_header(config: pytest.Config) -> str | None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out what is not drawn."""
-    one_in = config.getoption("one_in")
+    one_in = int(config.getoption("one_in") or 1)
     if one_in > 1:
         items[:], others = draw(items, one_in, read_commit(config.rootpath))
         config.hook.pytest_deselected(items=others)

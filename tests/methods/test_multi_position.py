@@ -45,6 +45,7 @@ from inercal.methods.multi_position.rotations import (
     transition_rotations,
 )
 from inercal.methods.multi_position.row_whitening import whitener
+from inercal.physics.plan import Hold
 from inercal.physics.sensors import Sensor, imu
 from inercal.pipeline.stated_values import gravity_notes
 from inercal.recordings import Mark, Observations, Recording, Transitions
@@ -428,7 +429,7 @@ def test_any_delay_shorter_than_the_rests_is_found_and_a_large_one_is_a_warning(
     made = record(mems(rng), hand, rng)
     seen = observed(made, sensor, inside=INSIDE + round(100 * abs(late)))
     estimate = joint(seen, sensor, BENCH, ())
-    fit = Fit("joint", sensor, BENCH, seen, (), (), estimate)
+    fit = Fit[Hand, Hold]("joint", sensor, BENCH, seen, (), (), estimate)
     assert [one.what for one in METHOD.remarks(fit).findings] == ["delay"] * (late != 0.004)
     stated = METHOD.remarks(replace(fit, time_offset=True))
     assert not stated.findings

@@ -106,12 +106,12 @@ class InputOutput:
         line = np.stack([np.ones_like(self.x), self.x / self.full_scale], axis=-1)
         if self.others is None:
             return self.y, self.covariance, line
-        others = self.others / np.maximum(np.abs(self.others).max(axis=0), _NO_EFFECT)
-        free = others - line @ np.linalg.pinv(line) @ others
+        others: Array = self.others / np.maximum(np.abs(self.others).max(axis=0), _NO_EFFECT)
+        free: Array = others - line @ np.linalg.pinv(line) @ others
         shown = np.abs(free).max(axis=0) > _NO_EFFECT  # the rest acts like the line
-        free, others = free[:, shown], others[:, shown]
-        keep: Array = np.eye(len(self.x)) - others @ np.linalg.pinv(free, rcond=_NO_EFFECT)
-        return keep @ self.y, keep @ self.covariance @ keep.T, np.c_[line, free]
+        inverse = np.asarray(np.linalg.pinv(free[:, shown], rcond=_NO_EFFECT), float)
+        keep: Array = np.eye(len(self.x)) - np.matmul(others[:, shown], inverse)
+        return keep @ self.y, keep @ self.covariance @ keep.T, np.c_[line, free[:, shown]]
 
     def whiten(self, columns: Array) -> Array:
         """Return columns, (n, k), in units in which the covariance of the readings is 1."""

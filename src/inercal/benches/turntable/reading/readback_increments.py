@@ -8,6 +8,8 @@ C P^½, and Q the upper part of the orthogonal factor in [A; 1] = Q R, the inver
 T⁻¹ − B Bᵀ, where B = L⁻ᵀ D^−½ Q. No n × n matrix is formed, and no digits are lost if C P Cᵀ is
 much larger than T.
 """
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
 from dataclasses import dataclass
 from math import inf, radians
