@@ -22,7 +22,7 @@ OTHER_TEXT = {
     "export/readers.py",
     "basics/units/quantity.py",
     "host/web/app.py",
-    "runfile/filter_keys.py",
+    "runfile/filter_fields.py",
     # Columns of a log, "topic[1].field", and keys of a run file, "data.rate".
     "pipeline/drafts/__init__.py",
     "pipeline/drafts/column_names.py",
