@@ -223,9 +223,10 @@ def _common_values(line: Line, kind: str, named: Collection[str]) -> Iterator[st
     count, of = len(named), len(line.rows)
     for column in line.columns if count > 1 else ():
         values = {row.id: row.columns.get(column, "").partition("T")[0] for row in line.rows}
-        shared = {values[name] for name in named if values.get(name)}
+        shared = {values.get(name, "") for name in named}
         among = sum(value in shared for value in values.values())
-        if len(shared) == 1 and comb(among, count) < _BY_CHANCE * comb(of, count):
+        by_chance = comb(among, count) / comb(of, count)
+        if len(shared) == 1 and shared != {""} and by_chance < _BY_CHANCE:
             same = f"{column} {shared.pop()}; so do {among} of all {of} sensors"
             yield f"all {count} sensors that {kind} have {same}"
 
