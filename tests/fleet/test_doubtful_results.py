@@ -122,6 +122,9 @@ def test_a_common_station_and_unlisted_recordings_are_named_by_their_paths(tmp_p
     printed = run_program("fleet", "status", folder).output
     assert "station B" in printed
     assert "days/1/S999.npz" in printed
+    rows[0] = (*rows[0][:2], "")
+    write_table(folder, rows, ("station",))
+    assert json.loads(run_program("fleet", "calibrate", folder, "--json").output)["common"] == []
 
 
 def test_the_reason_of_a_failure_names_the_whole_path_and_the_column(tmp_path: Path):
