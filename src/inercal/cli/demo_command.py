@@ -1,7 +1,7 @@
 """`inercal demo`: calibrate an IMU on a simulated three-axis table."""
 
 import sys
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import typer
@@ -26,7 +26,11 @@ def run(
     from inercal.host.run_folder import prepare_folder
 
     prepare_folder(out)
-    say = partial(print, file=sys.stderr, flush=True)
+
+    @cache  # several processes may compile; the user is told once
+    def say(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
     say(STARTUP_MESSAGE)
     with run_display(STOP_HELP) as show:
         compiling = partial(say, COMPILATION_MESSAGE)
