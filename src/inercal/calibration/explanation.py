@@ -45,6 +45,11 @@ class ExplanationSection(NamedTuple):
     lines: tuple[str, ...]
 
 
+def sentence(text: str) -> str:
+    """Return a text with a capital letter at its beginning."""
+    return f"{text[:1].upper()}{text[1:]}"
+
+
 def fit(text: str, most: int = MOST_CHARACTERS) -> str:
     """Shorten a line to the permitted length: after a clause, else before a bracket or a comma.
 

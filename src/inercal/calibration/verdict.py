@@ -18,7 +18,7 @@ from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Advice
 from inercal.calibration import explanation
 from inercal.calibration.agreement_text import agreement, agreement_lines, cause_lines, no_cause
-from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, PlainAdvisor, changes_text
+from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, PlainAdvisor
 from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,
@@ -33,6 +33,7 @@ from inercal.calibration.explanation import (
     first_fit,
     fit,
     fit_list,
+    sentence,
 )
 from inercal.calibration.grade import (
     NO_SINGLE_CAUSE,
@@ -43,6 +44,14 @@ from inercal.calibration.grade import (
     is_far_from_nominal,
     two_digits,
 )
+from inercal.calibration.next_steps import (
+    CAUSES,
+    NextStep,
+    next_line,
+    steps_on_cause,
+    steps_on_findings,
+    steps_on_undetectable,
+)
 from inercal.calibration.suspect_text import (
     alternatives,
     bench_words,
@@ -51,12 +60,7 @@ from inercal.calibration.suspect_text import (
     degrees_of_freedom,
 )
 from inercal.estimation import Estimate
-from inercal.estimation.scores import (
-    COMMON_DRIFT,
-    HYSTERESIS,
-    SIGNIFICANCE_LEVEL,
-    SLOW_NOISE,
-)
+from inercal.estimation.scores import SIGNIFICANCE_LEVEL
 from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
@@ -67,62 +71,13 @@ _DRIFT_PREFIX = "drift of "  # followed by the axis
 _NO_REACTION = 3.0  # standard uncertainties of a scale factor that cannot be told from 0
 _UNIT_RATIO_TOLERANCE = 0.1  # relative tolerance for recognising a scale factor as a ratio of units
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
-OPPOSITE_SIGN = "opposite sign"
-"""`Finding.what` for a quantity that the sensors show with the opposite sign."""
-COARSE_READINGS = "coarse readings"
-"""`Finding.what` for rounding errors that a method does not include."""
-WRONG_SOAK = "soak"
-"""`Finding.what` for a soak that alone disagrees with the model."""
 UNSEEN = "unseen"
 """`Finding.what` for an effect that a method cannot detect."""
 _NO_CAUSE = (
     "No single cause explains this: the noise is larger than stated, or several things are wrong."
 )
-_REMEDIES = (
-    "check ",
-    "compare ",
-    "correct ",
-    "find ",
-    "give ",
-    "let ",
-    "look ",
-    "measure ",
-    "name ",
-    "record ",
-    "remove ",
-    "repeat ",
-    "set ",
-    "state ",
-    "take ",
-    "use ",
-    "wait ",
-)  # how the last clause of a finding begins if it says what to do
-_REMEDIES_BY_KIND = {"gap": "record again, or check the cable and port of the sensor"}
-_CAUSES = {
-    OPPOSITE_SIGN: "the accelerometers or the gyros have the wrong sign",
-    COARSE_READINGS: "rounding, whose errors this method does not include",
-    WRONG_SOAK: "the temperature of this soak is wrong, or the sensor changed in it",
-}  # by `Finding.what`: no other cause can be tested while one of these is present
 _NOTES_ON_SAMPLES = ("gap", "repeated", "order", "implausible", "angles")
-_AGAIN = "measure it again, or "
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
-
-
-class _Step(NamedTuple):
-    """A next step: a sentence and, if any, the advice as data.
-
-    The lines of a verdict contain only steps that are `needed`, because these can improve the
-    grade.
-    """
-
-    text: str
-    advice: Advice | None = None
-    needed: bool = True
-
-    @property
-    def has_keys(self) -> bool:
-        """Whether the step contains keys to paste into a run file."""
-        return self.advice is not None and bool(self.advice.changes)
 
 
 class _Uncertainty(NamedTuple):
@@ -187,12 +142,12 @@ def verdict(
         # Otherwise the error cannot occur in this run.
         and (accepted := advisor.accepts_uncertainty(name)) is not False
     }
-    known = next((_CAUSES[one.what] for one in findings if one.what in _CAUSES), "")
+    known = next((CAUSES[one.what] for one in findings if one.what in CAUSES), "")
     steps = [
-        *(() if known else _steps_on_cause(assessment, advisor, tuple(far), row_word, row)),
-        *_steps_on_undetectable(unseen, sensor, advisor, possible),
+        *(() if known else steps_on_cause(assessment, advisor, tuple(far), row_word, row)),
+        *steps_on_undetectable(unseen, sensor, advisor, possible),
         *(
-            _Step(
+            NextStep(
                 f"State the uncertainty of {bench_words(name, (name,), expected)} in the run file; "
                 f"it is now treated as exact{size and f' (an error of {size} counts)'}.",
                 Advice(name, action="state its uncertainty"),
@@ -202,7 +157,7 @@ def verdict(
             if accepted
         ),
     ]
-    steps += _steps_on_findings(findings, advisor, steps)
+    steps += steps_on_findings(findings, advisor, steps)
     advice = tuple(one.advice for one in steps if one.advice is not None)
     steps.sort(key=lambda one: (not one.needed, not one.has_keys))
     undetectable = (
@@ -217,7 +172,7 @@ def verdict(
     wrong = bool(far) or any(one.severity == "refused" for one in findings)
     told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
     noted = [f.message for f in findings if f.severity == "note" and f.what in _NOTES_ON_SAMPLES]
-    scales = tuple(f"{_sentence(one)}: {why}." for one, why in far.items())
+    scales = tuple(f"{sentence(one)}: {why}." for one, why in far.items())
     sections = {
         explanation.AGREEMENT: (
             *agreement_lines(estimate, assessment, len(sensor.coefficients), wrong=wrong),
@@ -235,7 +190,7 @@ def verdict(
         ),
         explanation.CHECKS: merge_messages([*told, *noted]),
     }
-    word = _sentence(graded.word)
+    word = sentence(graded.word)
     why = graded.reasons[0] if graded.reasons else agreement(estimate, wrong=wrong)
     if why == NO_SINGLE_CAUSE:  # the next line says this
         tests = estimate.score_tests
@@ -257,7 +212,7 @@ def verdict(
             alternatives(assessment.best, estimate.score_tests, sensor, expected)
         ),
         "" if graded.grade == "consistent" else
-        _next_line(steps, told, only=not assessment.rejects),
+        next_line(steps, told, only=not assessment.rejects),
         _uncertainty_line(largest),
         _count_line(len(undetectable)),
     )  # fmt: skip
@@ -272,10 +227,6 @@ def verdict(
         advice=advice,
         undetectable=tuple(unseen),
     )
-
-
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}"
 
 
 def _noise_factor(findings: Sequence[Finding]) -> str:
@@ -317,96 +268,12 @@ def _scale_errors(estimate: Estimate, sensor: Sensor, row: str) -> Iterator[tupl
         yield f"the scale factor of {axis_words(sensor, axis)} is {times} times nominal", cause
 
 
-def _steps_on_cause(
-    assessment: Assessment, advisor: Advisor, far: Sequence[str], row_word: str, main: str
-) -> Iterator[_Step]:
-    """Yield next steps about the cause of large residuals."""
-    if far:
-        look = f"Look at the readings of “{main}”; check" if main else "Check"
-        yield _Step(
-            f"{look} the connection of this axis, and its sign, unit and scale in the run file."
-        )
-    row, suspect, best = assessment.row, assessment.suspect, assessment.best
-    if suspect is None and best is not None and best.name.startswith(HYSTERESIS):
-        suspect = best  # it hides all other causes
-    rejecting = [one.name for one in assessment.rejecting_tests]
-    slow = ()
-    if any(name.startswith(COMMON_DRIFT) for name in rejecting):
-        slow = (_Step("Let the sensor warm up, keep its temperature constant, and record again."),)
-    elif SLOW_NOISE in rejecting:
-        slow = (_Step("Wait longer after each move before you average, or record for longer."),)
-    yield from slow if suspect is None else ()
-    if suspect is not None:
-        advice = advisor.on_cause(suspect)
-        place = ErrorName(suspect.components[0]).place if len(suspect.components) == 1 else ""
-        again = f"measure it again at {place}, or, for all places, " if place else _AGAIN
-        again = again if suspect.kind == "bench" and not suspect.changes else ""
-        if "latitude" in suspect.indistinguishable:
-            again = "check the sign of the latitude, or "
-        text = f"{again}{_changes_words(advice)}" if advice.changes else advice.action
-        yield _Step(f"{_sentence(text)}{'' if advice.changes else '.'}", advice)
-    elif row is not None and row.adjusted < SIGNIFICANCE_LEVEL:
-        yield _Step(f"Look at the readings of “{row.name}”, and repeat this {row_word}.")
-    yield from slow if suspect is not None else ()
-    for name in rejecting:
-        if name.startswith(CHANGE_PREFIX):
-            where = name.removeprefix(CHANGE_PREFIX)
-            yield _Step(f"Check whether the sensor was touched {where}, and repeat it.")
-
-
-def _steps_on_undetectable(
-    unseen: Sequence[UndetectableCause], sensor: Sensor, advisor: Advisor, possible: Collection[str]
-) -> Iterator[_Step]:
-    """Yield a step that makes the method estimate undetectable coefficients, if it can."""
-    free = [one.name for one in unseen if one.component in possible]
-    if free and (advice := advisor.on_coefficients(free)):
-        changes = _changes_words(advice)
-        some = "Some" if ", " in advice.reason else "One"
-        text = f"{some} of the effects that are not detectable can be estimated: {changes}"
-        yield _Step(text, advice, needed=False)
-
-
-def _steps_on_findings(
-    findings: Sequence[Finding], advisor: Advisor, steps: Sequence[_Step]
-) -> Iterator[_Step]:
-    """Yield steps that resolve findings: changes that add coefficients, or other remedies."""
-    given = {word for one in steps if one.advice for word in one.advice.coefficients}
-    for finding in sorted(findings, key=lambda one: one.what not in _CAUSES):
-        advice = Advice(finding.what, finding.changes)
-        if set(advice.coefficients) - given and (tried := advisor.on_changes(advice)):
-            yield _Step(_sentence(_changes_words(tried)), tried)
-        elif finding.severity != "note" or finding.what in _CAUSES:
-            remedy = finding.message.rpartition("; ")[2]
-            if not remedy.startswith(_REMEDIES):
-                remedy = _REMEDIES_BY_KIND.get(finding.what, "")
-            if remedy:
-                yield _Step(f"{_sentence(remedy)}.")
-
-
-def _changes_words(advice: Advice) -> str:
-    return f"set in the run file: {changes_text(advice.changes)}"
-
-
 def _first_line(word: str, why: str) -> str:
     """Return the grade and its main reason; without what stands in brackets, if too long."""
     short = re.sub(r" \([^()]*\)", "", why)
     cut = fit(short, MOST_CHARACTERS - len(f"{word}: "))
     end = "." * (not why.endswith("…"))
     return first_fit(f"{word}: {why}{end}", f"{word}: {short}{end}", f"{word}: {cut}")
-
-
-def _next_line(steps: Sequence[_Step], warnings: Sequence[str], *, only: bool) -> str:
-    """Return a line with the first necessary step; keys to paste are never shortened.
-
-    Without such a step, the first of the warnings is named, if `only` they reduce the grade.
-    """
-    if not (steps and steps[0].needed):
-        if warnings and only:
-            return fit(f"{explanation.NEXT}resolve the warning: {warnings[0]}")
-        also = ", and read the warnings" if warnings else ""
-        return f"{explanation.NEXT}check the stated noise and bench{also}."
-    text = f"{explanation.NEXT}{steps[0].text[:1].lower()}{steps[0].text[1:]}"
-    return text if steps[0].has_keys else fit(text)
 
 
 def _alternatives_line(others: Sequence[str]) -> str:

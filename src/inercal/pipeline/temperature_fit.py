@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import ZERO_CELSIUS, format_quantity
+from inercal.calibration.next_steps import WRONG_SOAK
 from inercal.calibration.suspect_text import chi2_text
-from inercal.calibration.verdict import WRONG_SOAK
 from inercal.estimation import Estimate
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL, chi2_tail_probability
 from inercal.methods import Fit, Remarks

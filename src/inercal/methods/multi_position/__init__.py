@@ -38,7 +38,7 @@ from inercal.basics.run_file_advice import Change
 from inercal.basics.units import Measured, format_value_and_uncertainty
 from inercal.benches import Hand
 from inercal.calibration.delays import delay_condition, delay_words
-from inercal.calibration.verdict import OPPOSITE_SIGN
+from inercal.calibration.next_steps import OPPOSITE_SIGN
 from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.uncertainty import COVERAGE

@@ -26,7 +26,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.basics.units import format_quantity
 from inercal.benches.turntable.bench import Turntable
-from inercal.calibration.verdict import COARSE_READINGS
+from inercal.calibration.next_steps import COARSE_READINGS
 from inercal.estimation import Estimate
 from inercal.methods import Fit, Remarks
 from inercal.physics.motion import Motion
