@@ -17,7 +17,7 @@ from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_quantity
 from inercal.benches.arm import fitting_arm_unit
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.benches.centrifuge.settings import CentrifugeData
+from inercal.benches.centrifuge.kind import CentrifugeData
 from inercal.benches.column_orders import signed_permutations
 from inercal.physics.plan import Spin, arm_attitude
 from inercal.physics.section_settings import key_error

@@ -6,8 +6,7 @@ from math import pi
 import numpy as np
 
 from inercal.basics.units import format_quantity
-from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
-from inercal.benches.dividing_head.covariance import bench_covariance
+from inercal.benches.dividing_head.bench import DividingHead, bench_covariance, sensed_motion
 from inercal.benches.dividing_head.passes import (
     CARDINAL_ANGLES,
     first_visit_rows,

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from inercal.basics.errors import InputError, error_location
-from inercal.basics.small_files import read_toml
+from inercal.basics.small_files import is_file, read_toml
 from inercal.benches.kind_definition import KINDS
 from inercal.benches.qualification.linear_fit import MeasuredParameters
 from inercal.benches.qualification.measure import MEASUREMENTS, MeasurementInput
@@ -197,7 +197,7 @@ def input_files(path: str | Path) -> list[Path]:
     """Return the input file and the existing files that it names."""
     path = Path(path)
     named = _texts(read_toml(path, "input file of a qualification"))
-    return [path, *(path.parent / one for one in named if _is_file(path.parent / one))]
+    return [path, *(path.parent / one for one in named if is_file(path.parent / one))]
 
 
 def _texts(content: object) -> list[str]:
@@ -208,13 +208,6 @@ def _texts(content: object) -> list[str]:
     if isinstance(content, list):
         return [text for one in cast(list[object], content) for text in _texts(one)]
     return []
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
 
 
 def _qualify(path: Path, content: Mapping[str, Any]) -> Qualification:

@@ -19,7 +19,7 @@ from inercal.basics.units import format_quantity
 from inercal.benches.arm import fitting_arm_unit
 from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion, speed_names
 from inercal.benches.rate_table.fixture import PLANES, Plane, mounting_attitude
-from inercal.benches.rate_table.settings import RateTableData
+from inercal.benches.rate_table.kind import RateTableData
 from inercal.physics.plan import Attitude, Spin
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import G0

@@ -14,12 +14,17 @@ of the angle between a_i and a_i+1 from a right angle. The readback of an axis i
 where t is the IMU's time, τ the latency and χ the relative rate of the readback's clock.
 
 The body frame is fixed to the innermost axis. The mounting of the IMU in it belongs to the sensor.
+
+A `StillTable` has no readback, and is at rest between its turns. Its angles, its level and the
+squareness of its axes are unknown. Only gravity and, from the
+latitude, the earth's rate are known.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite, radians
+from typing import Any
 
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
@@ -206,3 +211,39 @@ _SETTLING_SECONDS = 0.25  # s, without the latency of the readback
 def settling_time(bench: Turntable) -> float:
     """Return the settling time of the table, s, with the possible latency of its readback."""
     return _SETTLING_SECONDS + abs(bench.latency.value) + 2 * bench.latency.sd
+
+
+@dataclass(frozen=True)
+class StillTable:
+    """A turntable whose angles are not used.
+
+    Parameters
+    ----------
+    gravity : Measured
+        Local gravity, m/s².
+    latitude : Measured
+        Latitude, rad, positive in the north.
+    """
+
+    gravity: Measured
+    latitude: Measured
+
+    @classmethod
+    def from_turntable(cls, bench: "Turntable | StillTable") -> "StillTable":
+        """Return the same turntable without its angles, with only gravity and latitude."""
+        if isinstance(bench, StillTable):
+            return bench
+        place = bench.place
+        return cls(bench.gravity, Measured(bench.latitude, 0.0) if place is None else place)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The imperfections of the bench, as data."""
+        return (
+            local_gravity(self.gravity),
+            Parameter.from_measured("latitude", "rad", self.latitude, "latitude"),
+        )
+
+    def nuisances(self, steps: Sequence[Any], sensor: Sensor) -> dict[str, Parameter]:
+        """Return gravity and latitude by name, because they act on every step."""
+        return {parameter.name: parameter for parameter in self.parameters}

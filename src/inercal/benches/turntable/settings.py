@@ -9,8 +9,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
-from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.still_table import StillTable
+from inercal.benches.turntable.bench import StillTable, Turntable
 from inercal.physics.section_settings import (
     PLANNING,
     BenchSection,

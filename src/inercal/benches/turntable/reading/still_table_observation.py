@@ -16,8 +16,8 @@ from inercal.basics.arrays import Array, Indices, true_ranges
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_duration, format_quantity
 from inercal.benches.turntable.attitude import reference_attitude
+from inercal.benches.turntable.bench import StillTable
 from inercal.benches.turntable.settings import TurntableData
-from inercal.benches.turntable.still_table import StillTable
 from inercal.physics.plan import Hold, Position
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor

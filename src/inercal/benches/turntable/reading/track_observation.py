@@ -19,11 +19,11 @@ from inercal.benches.turntable.bench import (
 )
 from inercal.benches.turntable.reading import sample_checks
 from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
-from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
 from inercal.benches.turntable.reading.gyro_comparison import gyro_comparison_findings
 from inercal.benches.turntable.reading.host_readback import Interruption
 from inercal.benches.turntable.reading.implied_rates import (
     RateRegression,
+    check_earth_rate,
     fit_track_rates,
     rate_vectors,
 )
