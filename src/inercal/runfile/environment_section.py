@@ -5,7 +5,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import Measured
 from inercal.methods import Method
@@ -193,11 +192,11 @@ def stated_environment(
     if section is None:
         return None
     if schema.sensor.magnetometer is not None:
-        raise InputError(
-            "[environment]: errors that the rows of a soak or a ramp share are not included for "
-            "magnetometers; remove [environment], so that recorded temperatures are taken as "
-            "exact, or remove [sensor.magnetometer]",
-            key="[environment]",
+        raise key_error(
+            "[environment]",
+            "errors that the rows of a soak or a ramp share are not included for magnetometers; "
+            "remove [environment], so that recorded temperatures are taken as exact, or remove "
+            "[sensor.magnetometer]",
         )
     _require_used(section, schema, sensor, chosen)
     lag = _stated_lag(section, chosen)
@@ -285,10 +284,10 @@ def _require_used(
 ) -> None:
     """Raise an error if the section, or one of its keys, has no effect on the result."""
     if not sensor.uses("dT", "dTdt"):
-        raise InputError(
-            "[environment]: the run estimates no temperature coefficients, so the section has "
+        raise key_error(
+            "[environment]",
+            "the run estimates no temperature coefficients, so the section has "
             'no effect; state [method] temperature_order = "auto", or remove [environment]',
-            key="[environment]",
         )
     ramp = section.kind == "ramp"
     if chosen.follows_rest and not ramp:

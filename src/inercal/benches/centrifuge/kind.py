@@ -35,10 +35,10 @@ from inercal.physics.section_settings import (
     BenchSection,
     BenchUsage,
     key_error,
+    positive_value,
     section_constant,
     section_deviation,
     section_length,
-    si_value,
 )
 from inercal.physics.sensors import G0
 from inercal.recordings.data import DataSection, EstimatorInput, ReadbackColumn, RunBase, unit_size
@@ -107,11 +107,7 @@ def build(section: CentrifugeSection, folder: Path) -> Centrifuge:
     if section.latitude is not None:
         latitude = section_constant(section, "latitude", "°")
         earth_rate_up_north(latitude.value)  # refuses an impossible latitude
-    acceleration = si_value(section.max_acceleration, "rad/s²", "[bench] max_acceleration")
-    if acceleration <= 0:
-        raise key_error(
-            "[bench] max_acceleration", f"{section.max_acceleration!r} must be positive"
-        )
+    acceleration = positive_value(section.max_acceleration, "rad/s²", "[bench] max_acceleration")
     return build_bench(
         Centrifuge,
         section,
@@ -124,6 +120,17 @@ def build(section: CentrifugeSection, folder: Path) -> Centrifuge:
     )
 
 
+def require_locked_platform(run: RunBase[CentrifugeData]) -> None:
+    """Refuse a counter-rotating platform for a table of means."""
+    if run.bench.platform != "locked":
+        raise key_error(
+            "[bench] platform",
+            f"{run.bench.platform!r} needs a recording instead of a table of means: over a dwell "
+            "the mean of the arm's acceleration is zero",
+            run.path,
+        )
+
+
 def sheet(run: RunBase[CentrifugeData]) -> Sheet:
     """Return the worksheet with the dwells of a run's plan.
 
@@ -133,13 +140,7 @@ def sheet(run: RunBase[CentrifugeData]) -> Sheet:
         The run file states no plan, or the platform turns against the arm.
     """
     data, bench = run.data, run.bench
-    if bench.platform != "locked":
-        raise key_error(
-            "[bench] platform",
-            f"{bench.platform!r} needs a recording instead of a table of means: over a dwell the "
-            "mean of the arm's acceleration is zero",
-            run.path,
-        )
+    require_locked_platform(run)
     if not run.has_plan_keys:
         raise key_error(
             "[method] rates",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_count, format_quantity, si_factor
 from inercal.benches.characteristics import BAND_NOTE, characteristic_notes, rows_of_bands
 from inercal.benches.dividing_head import passes
@@ -49,7 +49,8 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     recording_loader.require_distinct_columns(run)
     result = _table(run, bench) if run.data.kind == "means" else _recording(run)
     steps = [step for step in result.steps if isinstance(step, Index)]
-    require_usable_readings(run, bench, steps)
+    with error_location(run.path):
+        require_usable_readings(run, bench, steps)
     stated = run.data.warm_up_band
     band = None if stated is None else positive_value(stated, "g", "[data] warm_up_band")
     found = head_characteristics(result.observations, run.sensor, bench, steps, band)
@@ -57,7 +58,8 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     result = replace(result.rows(range(warm, len(steps))), characteristics=found)
     steps = steps[warm:]
     findings = result.findings + _missing_trim_positions(run, bench, steps)
-    require_phases(run, result.observations, steps)
+    with error_location(run.path):
+        require_phases(run, result.observations, steps)
     shown = passes.small_tilt_series([step.angle for step in steps]) or warm
     shown = shown or any(one.figure.detected for one in found)
     notes = characteristic_notes(found) if shown else ()

@@ -10,16 +10,18 @@ from typing import Any, Literal, cast
 import numpy as np
 from pydantic import Field, ValidationError
 
+from inercal.basics.documents import attributes
 from inercal.basics.errors import InputError, error_location
 from inercal.basics.small_files import is_file, read_toml
 from inercal.benches.kind_definition import KINDS
 from inercal.benches.qualification.linear_fit import MeasuredParameters
 from inercal.benches.qualification.measure import MEASUREMENTS, MeasurementInput
-from inercal.benches.qualification.qualification_file import determination_sha256, load
 from inercal.benches.qualification.result import (
     ANY_BENCH,
     Qualification,
     QualifiedParameter,
+    determination_sha256,
+    load,
     require_covariance,
 )
 from inercal.physics.section_settings import Section, key_error, optional
@@ -212,9 +214,8 @@ def _texts(content: object) -> list[str]:
 
 def _qualify(path: Path, content: Mapping[str, Any]) -> Qualification:
     if unknown := sorted(content.keys() - {"qualification", "measurement"}):
-        raise InputError(
-            f"[{unknown[0]}] is not known; there are [qualification] and [measurement]",
-            key=f"[{unknown[0]}]",
+        raise key_error(
+            f"[{unknown[0]}]", "is not known; there are [qualification] and [measurement]"
         )
     head = _validated("qualification", content.get("qualification"), QualificationSection)
     assert isinstance(head, QualificationSection)
@@ -248,7 +249,7 @@ def _bench_kind(head: QualificationSection) -> str:
 
 def _validated(name: str, content: object, section: type[Section]) -> Section:
     if not isinstance(content, dict):
-        raise InputError(f"[{name}] is missing", key=f"[{name}]")
+        raise key_error(f"[{name}]", "is missing")
     try:
         return section.model_validate(content)
     except ValidationError as error:
@@ -300,22 +301,12 @@ def _assembled(
         "inercal": version("inercal"),
     }
     return Qualification(
-        head.kind,
-        bench,
-        head.name,
-        own,
-        head.date,
-        head.valid_until,
-        head.method,
-        head.instrument,
-        head.certificate,
-        parameters,
-        covariance,
-        found.chi2,
-        found.dof,
-        found.p_value,
-        found.suspects,
-        found.unseen,
-        found.remarks,
-        provenance,
+        **attributes(head, "kind date valid_until method instrument certificate"),
+        **attributes(found, "chi2 dof p_value suspects unseen remarks"),
+        bench=bench,
+        bench_name=head.name,
+        determination=own,
+        parameters=parameters,
+        covariance=covariance,
+        provenance=provenance,
     )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError, error_location
+from inercal.basics.errors import error_location
 from inercal.basics.units import Measured
 from inercal.benches.qualification.linear_fit import MeasuredParameters
 from inercal.benches.qualification.measurements import angles, arms, earth
@@ -56,11 +56,8 @@ class MeasurementInput:
     @cached_property
     def table(self) -> Table:
         """The table of readings."""
-        try:
+        with error_location("[measurement] file", key="[measurement] file"):
             return read_table(self.folder / self.section.file)
-        except InputError as error:
-            key = "[measurement] file"
-            raise error.located(key, key=key) from None
 
     def column(self, key: str, like: str = "") -> Array:
         """Return the column that a key names, in SI if it has a unit, which KEY_unit states."""

@@ -54,6 +54,7 @@ from inercal.benches.contract import MeanMotion, NoReadingOffsets, require_possi
 from inercal.benches.rate_platform.mean_motion import level_rate_factor, sensed_motion
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Pose, RateDwell
 from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 
 _EXACT = 1e-15  # rad/s: the horizontal earth rate at a pole
@@ -243,10 +244,10 @@ class RatePlatform(NoReadingOffsets):
         unknown = tuple(step.label for step in rates if not step.seconds)
         if self.angle_reading and unknown:
             key = "[data] seconds"
-            raise InputError(
-                f"{key} is missing: [bench] angle_reading is the error of the angle per dwell, but "
+            raise key_error(
+                key,
+                "is missing: [bench] angle_reading is the error of the angle per dwell, but "
                 f"{unknown[0]} has no duration; name the column of durations",
-                key=key,
                 names=unknown,
             )
 
@@ -309,14 +310,14 @@ def _require_measured_rates(sensor: Sensor, steps: Sequence[PlatformStep]) -> No
         reach = (axis.readout.full_scale or inf) / abs(axis.readout.scale)
         for step in _turning(steps)[0]:
             if abs(step.rate * np.dot(axis.i, step.up)) > reach:
-                raise InputError(
-                    f"[sensor.gyro] full_scale is {degrees(reach):.4g} °/s, but {axis.name} must "
-                    f"measure {step.label}; choose lower rates, or correct full_scale",
-                    key="[sensor.gyro] full_scale",
+                raise key_error(
+                    "[sensor.gyro] full_scale",
+                    f"is {degrees(reach):.4g} °/s, but {axis.name} must measure {step.label}; "
+                    "choose lower rates, or correct full_scale",
                     names=(step.label,),
                 )
 
 
 def _missing(name: str, example: str, reason: str) -> InputError:
     key = f"[bench] {name}"
-    return InputError(f'{key} is missing: state it, such as "{example}"; {reason}', key=key)
+    return key_error(key, f'is missing: state it, such as "{example}"; {reason}')

@@ -45,11 +45,13 @@ from inercal.physics.frames import exp_so3
 from inercal.physics.plan import Hold, Spin
 from inercal.physics.section_settings import PLANNING, BenchSection, section_length, si_value
 from inercal.physics.sensors import G0
-from inercal.recordings.data import DataSection, EstimatorInput, ReadbackColumn, RunBase, unit_size
-from inercal.recordings.data.recording_loader import (
-    readback_columns,
-    readback_units,
-    unsigned_column,
+from inercal.recordings.data import (
+    DataSection,
+    EstimatorInput,
+    ReadbackColumn,
+    RunBase,
+    recording_loader,
+    unit_size,
 )
 from inercal.recordings.io.mean_tables import SD_SUFFIX
 
@@ -187,7 +189,11 @@ def sheet(run: RunBase[RateTableData]) -> Sheet:
     """Return the worksheet with the states of a run, grouped by mounting and sorted by speed."""
     planned = [step for step in run.steps if isinstance(step, Spin)]
     steps = [step for own in group_by_mounting(planned) for step in own]
-    names, data, size = mounting_names(steps), run.data, readback_units(run)["arm_rate"]
+    names, data, size = (
+        mounting_names(steps),
+        run.data,
+        recording_loader.readback_units(run)["arm_rate"],
+    )
     rows: list[SheetRow] = []
     result = sensed_motion(run.bench, steps, {}).f
     for k, (name, step, f) in enumerate(zip(names, steps, result, strict=True), start=1):
@@ -291,13 +297,13 @@ def output_tables(run: RunBase[RateTableData], outcome: ReportInput) -> dict[str
     mean = sensor.to_output(seen.mean)
     scale = np.array([abs(axis.readout.scale) for axis in sensor.axes])
     sd = np.sqrt(np.diagonal(seen.covariance, axis1=-2, axis2=-1)) * scale
-    data, size = run.data, readback_units(run)["arm_rate"]
+    data, size = run.data, recording_loader.readback_units(run)["arm_rate"]
     turns = [round(abs(w) * t / (2 * pi)) for w, t in zip(rates, seen.duration, strict=True)]
     mounting = [str(recording.labels[mark.start]).strip() for mark in outcome.marks]
-    axes = [unsigned_column(column) for column in data.accelerometer]
+    axes = [recording_loader.unsigned_column(column) for column in data.accelerometer]
     columns: dict[str, Sequence[str] | Sequence[float] | Sequence[int]] = {
         str(data.mounting): [mounting[k] for k in order],
-        readback_columns(run)["arm_rate"]: _rounded(np.array(rates)[order] / size),
+        recording_loader.readback_columns(run)["arm_rate"]: _rounded(np.array(rates)[order] / size),
     }
     for suffix, values in (("", mean), (SD_SUFFIX, sd)):
         columns |= {a + suffix: _rounded(values[order, k]) for k, a in enumerate(axes)}

@@ -23,6 +23,7 @@ latitude, the earth's rate are known.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from math import isfinite, radians
 from typing import Any
 
@@ -157,16 +158,9 @@ class Turntable:
             Parameter.from_measured("azimuth", "rad", self.azimuth, "azimuth of the base"),
             *(
                 Parameter(
-                    f"square_{i}",
-                    "rad",
-                    self.square,
-                    "run",
-                    0.0,
-                    f"right angle between {one} and {other}",
+                    f"square_{i}", "rad", self.square, "run", 0.0, f"right angle between {of}"
                 )
-                for i, (one, other) in enumerate(
-                    zip(self.names, self.names[1:], strict=False), start=1
-                )
+                for i, of in enumerate(map(" and ".join, pairwise(self.names)), start=1)
             ),
             *(
                 Parameter(

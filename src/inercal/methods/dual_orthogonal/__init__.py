@@ -40,7 +40,7 @@ from inercal.benches.dividing_head.bench import (
     bench_covariance,
     reading_sensitivities,
 )
-from inercal.benches.dividing_head.head_angles import sensor_angles
+from inercal.benches.dividing_head.passes import sensor_angles
 from inercal.estimation import Estimate, least_squares
 from inercal.estimation.scores import NO_SCORE_TESTS
 from inercal.estimation.uncertainty import COVERAGE
