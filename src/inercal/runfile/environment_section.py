@@ -25,17 +25,10 @@ ORDERED = ("bias", "scale factor", "misalignment")
 """Quantities that have a polynomial order in temperature, in the order used in a run file."""
 MAX_ORDERS = (3, 2, 1)
 # Temperature terms for each kind of axis and each quantity, by order starting at 1.
+_TILTS = (("delta_o_dT", "delta_p_dT"),)
 _TERMS = {
-    "f": (
-        (("k0_dT",), ("k0_dT2",), ("k0_dT3",)),
-        (("k1_dT",), ("k1_dT2",)),
-        (("delta_o_dT", "delta_p_dT"),),
-    ),
-    "w": (
-        (("bias_dT",), ("bias_dT2",), ("bias_dT3",)),
-        (("scale_dT",), ("scale_dT2",)),
-        (("delta_o_dT", "delta_p_dT"),),
-    ),
+    "f": ((("k0_dT",), ("k0_dT2",), ("k0_dT3",)), (("k1_dT",), ("k1_dT2",)), _TILTS),
+    "w": ((("bias_dT",), ("bias_dT2",), ("bias_dT3",)), (("scale_dT",), ("scale_dT2",)), _TILTS),
     "m": ((("bias_dT",),), (("scale_dT",),), ()),
 }
 

@@ -136,24 +136,15 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
             (theirs, known.sensor, f"{path.name} has"),
         ):
             if name not in each.coefficients:
-                raise key_error(
-                    key,
-                    f"no coefficient {name!r}; {whose} {', '.join(each.coefficients)}",
-                    names=(name,),
-                )
+                text = f"no coefficient {name!r}; {whose} {', '.join(each.coefficients)}"
+                raise key_error(key, text, names=(name,))
         term = CoefficientName(ours).term
         if term != CoefficientName(theirs).term:
-            raise key_error(
-                key,
-                f"{ours} and {theirs} are different terms; use the same term in both",
-                names=(ours, theirs),
-            )
+            text = f"{ours} and {theirs} are different terms; use the same term in both"
+            raise key_error(key, text, names=(ours, theirs))
         if term.startswith("delta"):
-            raise key_error(
-                key,
-                f"{ours} depends on the fixture, not only on the accelerometer; remove it",
-                names=(ours,),
-            )
+            text = f"{ours} depends on the fixture, not only on the accelerometer; remove it"
+            raise key_error(key, text, names=(ours,))
         has_misalignment = any(".delta" in name for name in known.sensor.coefficients)
         if term == "k1" and has_misalignment and known.sensor.form != sensor.form:
             raise key_error(
@@ -200,13 +191,13 @@ def type_prior_of(path: Path, sensor: Sensor) -> Gaussian:
     key = "[method] prior_type"
     known = load_type_prior(path)
     axes = {
-        (readout.axis or axis.name): (
+        (one.axis or axis.name): (
             axis,
-            replace(axis, readout=Readout(readout.scale, readout.offset, readout.unit)),
+            replace(axis, readout=Readout(one.scale, one.offset, one.unit)),
         )
-        for readout in known.readout
+        for one in known.readout
         for axis in sensor.axes
-        if axis.measures == readout.measures and readout.axis in ("", axis.name)
+        if axis.measures == one.measures and one.axis in ("", axis.name)
     }
     used: dict[str, tuple[int, str]] = {}
     for k, name in enumerate(known.names):

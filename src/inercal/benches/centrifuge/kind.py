@@ -142,36 +142,26 @@ def sheet(run: RunBase[CentrifugeData]) -> Sheet:
     data, bench = run.data, run.bench
     require_locked_platform(run)
     if not run.has_plan_keys:
-        raise key_error(
-            "[method] rates",
-            'is missing: state the rates of the arm, such as rates = ["60 rpm", "120 rpm"]',
-            run.path,
-        )
+        text = 'is missing: state the rates of the arm, such as rates = ["60 rpm", "120 rpm"]'
+        raise key_error("[method] rates", text, run.path)
     steps, sizes = _by_attitude(run), readback_units(run)
     positions = attitude_names(steps)
     names = {step.label: positions[step.attitude].removesuffix("_r1") for step in steps}
     stated = {name: np.array(p.value) for name, p in bench.acting_parameters(steps).items()}
     rows: list[SheetRow] = []
-    for k, (step, f) in enumerate(
-        zip(steps, sensed_motion(bench, steps, stated).f, strict=True), start=1
-    ):
+    sensed = sensed_motion(bench, steps, stated).f
+    for k, (step, f) in enumerate(zip(steps, sensed, strict=True), start=1):
         assert step.attitude is not None
         name, rpm = names[step.label], step.rate * 30 / pi
         angles = head_angles_of_attitude(step)
         out, up = (describe_direction(one) for one in (step.attitude.out, step.attitude.up))
         reads = [f"{x + 0.0:+.3f}".replace("-", "−") for x in np.asarray(f / G0).round(3).tolist()]
         head = [f"{round(angle / sizes[key], 9) + 0.0:.12g}" for key, angle in _head(data, angles)]
-        given = [name] * (data.label is not None) + head
-        rows.append(
-            SheetRow(
-                step.label,
-                (str(k), name, *head, out, up, f"{rpm:.6g}", f"{step.seconds:.6g} s", *reads),
-                step.seconds,
-                name,
-                (*given, f"{step.rate / sizes['arm_rate']:.12g}"),
-                {"position": name, "out": out, "up": up, "rpm": rpm, "felt": f.tolist()},
-            )
-        )
+        cells = (str(k), name, *head, out, up, f"{rpm:.6g}", f"{step.seconds:.6g} s", *reads)
+        labelled = [name] * (data.label is not None)
+        given = (*labelled, *head, f"{step.rate / sizes['arm_rate']:.12g}")
+        facts = {"position": name, "out": out, "up": up, "rpm": rpm, "felt": f.tolist()}
+        rows.append(SheetRow(step.label, cells, step.seconds, name, given, facts))
     duration = arm_plan_duration(bench, steps)
     head_units = [f"{name}, {data.attitude_unit}" for name in ("ψ", "θ")]
     return Sheet(

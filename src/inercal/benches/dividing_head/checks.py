@@ -175,16 +175,12 @@ def repeat_visit_warnings(
         rows = zip(couples, change.tolist(), usual.tolist(), beyond.tolist(), strict=True)
         for (j, k), size, limit, alone in rows:
             if alone:
-                found.append(
-                    Finding(
-                        "warning",
-                        "passes",
-                        f"{channel} differs by {_format_in_g(size)} between {steps[j].label} and "
-                        f"{steps[k].label}, which are the same position; differences at other "
-                        f"positions are about {_format_in_g(limit)}; check these two rows",
-                        channel,
-                    )
+                text = (
+                    f"{channel} differs by {_format_in_g(size)} between {steps[j].label} and "
+                    f"{steps[k].label}, which are the same position; differences at other "
+                    f"positions are about {_format_in_g(limit)}; check these two rows"
                 )
+                found.append(Finding("warning", "passes", text, channel))
     return tuple(found)
 
 

@@ -41,11 +41,8 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     """
     bench: DividingHead = run.bench
     if run.data.seconds is not None:
-        raise key_error(
-            "[data] seconds",
-            "a dividing head is at rest during a reading; remove the key",
-            run.path,
-        )
+        text = "a dividing head is at rest during a reading; remove the key"
+        raise key_error("[data] seconds", text, run.path)
     recording_loader.require_distinct_columns(run)
     result = _table(run, bench) if run.data.kind == "means" else _recording(run)
     steps = [step for step in result.steps if isinstance(step, Index)]
@@ -125,11 +122,8 @@ def _require_filled(run: RunBase[DividingHeadData], table: Table) -> None:
     read = [table.columns[name] for name in names]
     if all(column.dtype.kind == "f" and not np.isfinite(column).any() for column in read):
         path = run.file(run.data.file)
-        raise InputError(
-            f"{path}: columns {', '.join(names)} are empty; fill in the sheet",
-            file=path,
-            names=tuple(names),
-        )
+        text = f"{path}: columns {', '.join(names)} are empty; fill in the sheet"
+        raise InputError(text, file=path, names=tuple(names))
 
 
 def _require_unit(run: RunBase[DividingHeadData], angle: Array) -> None:

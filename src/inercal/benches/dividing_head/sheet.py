@@ -53,23 +53,14 @@ def sheet(run: RunBase[DividingHeadData]) -> Sheet:
         begun = first.setdefault(in_pass, sense)
         cells = [str(number), step.label, format_sexagesimal(step.angle), f"{in_pass}, {sense}"]
         cells += [task] * collimated + ["read"] * levelled
-        result.append(
-            SheetRow(
-                step.label,
-                (*cells, f"{step.seconds:g} s" if step.seconds else ""),
-                step.seconds,
-                f"pass {in_pass}, {begun}",
-                (*[step.label] * label, f"{step.angle / unit:.12g}"),
-                {
-                    "what": step.describe(),
-                    "angle_deg": degrees(step.angle),
-                    "sense": sense,
-                    "pass": in_pass,
-                    "autocollimator": task,
-                },
-                frozenset() if task else idle,
-            )
-        )
+        cells.append(f"{step.seconds:g} s" if step.seconds else "")
+        group = f"pass {in_pass}, {begun}"
+        given = (*[step.label] * label, f"{step.angle / unit:.12g}")
+        facts = {"what": step.describe(), "angle_deg": degrees(step.angle)}
+        facts |= {"sense": sense, "pass": in_pass, "autocollimator": task}
+        unused = frozenset[int]() if task else idle
+        row = SheetRow(step.label, tuple(cells), step.seconds, group, given, facts, unused)
+        result.append(row)
     seconds = sum(step.seconds for step in steps)
     columns = (data.angle, *data.accelerometer, data.autocollimator, data.level, data.time)
     return Sheet(

@@ -23,14 +23,7 @@ from inercal.physics.section_settings import key_error
 
 KEY = "[bench] qualification"
 # Keys of parameters that no field declares, by parameter name without number and axis.
-_BY_HAND = {
-    "g": "gravity",
-    "sin": "harmonics",
-    "cos": "harmonics",
-    "index": "indexing",
-    "pose": "pose",
-    "mounting": "mounting",
-}
+_BY_HAND = {"g": "gravity", "sin": "harmonics", "cos": "harmonics", "index": "indexing"}
 _CONSTANTS = {"gravity", "radius", "azimuth", "latitude", "stretch", "latency"}
 _NOT_POSSIBLE = {"lever", "clock"}  # on a turntable: only simulated, or estimated in each run
 
@@ -107,23 +100,21 @@ def _join(each: Sequence[Qualification], files: Sequence[str]) -> QualifiedParam
                     "determinations; name only one of them",
                     names=(one.name,),
                 )
-    rows: list[tuple[int, int]] = []
-    for k, qualification in enumerate(each):
-        rows += [
-            (k, i)
-            for i, one in enumerate(qualification.parameters)
-            if owner[one.name][0] == k and (k, i) not in rows
-        ]
-    covariance = np.zeros((len(rows), len(rows)))
-    for a, (k, i) in enumerate(rows):
-        for b, (other, j) in enumerate(rows):
-            if k == other:
-                covariance[a, b] = each[k].covariance[i, j]
+    rows = [
+        (k, i)
+        for k, qualification in enumerate(each)
+        for i, one in enumerate(qualification.parameters)
+        if owner[one.name][0] == k
+    ]
+    covariance = (
+        tuple(float(each[k].covariance[i, j]) if k == other else 0.0 for other, j in rows)
+        for k, i in rows
+    )
     found = [each[k].parameters[i] for k, i in rows]
     return QualifiedParameters(
         tuple(one.name for one in found),
         tuple(one.value for one in found),
-        tuple(tuple(row) for row in covariance.tolist()),
+        tuple(covariance),
         tuple(one.determination for one in found),
         tuple(one.date.isoformat() for one in found),
     )
@@ -267,11 +258,8 @@ def _harmonics(names: Sequence[str], kind: Kind[Any, Any], known: QualifiedParam
         elif order <= len(default):
             texts.append(default[order - 1])
         else:
-            raise key_error(
-                KEY,
-                f"harmonic {order} is missing: qualify all up to {max(by_order)}",
-                names=(f"sin{order}", f"cos{order}"),
-            )
+            text = f"harmonic {order} is missing: qualify all up to {max(by_order)}"
+            raise key_error(KEY, text, names=(f"sin{order}", f"cos{order}"))
     return texts
 
 

@@ -2,6 +2,7 @@
 
 import datetime as dt
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -283,15 +284,9 @@ def _assembled(
     place = ("", "") if bench == ANY_BENCH else (bench, head.name)
     numbers = [value, covariance.tolist()]
     own = determination_sha256(place, names, numbers, head.date, head.method)
+    new = QualifiedParameter("", "", 0.0, own, head.date, head.valid_until)
     parameters = tuple(
-        QualifiedParameter(
-            name,
-            found.unit[k],
-            value[i],
-            earlier[name].determination if name in earlier else own,
-            earlier[name].date if name in earlier else head.date,
-            earlier[name].valid_until if name in earlier else head.valid_until,
-        )
+        replace(earlier.get(name, new), name=name, unit=found.unit[k], value=value[i])
         for i, (k, name) in enumerate(zip(order, names, strict=True))
     )
     provenance = {

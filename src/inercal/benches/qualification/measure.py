@@ -129,11 +129,8 @@ class MeasurementInput:
             The bench is of another kind.
         """
         if self.bench not in kinds:
-            raise key_error(
-                "[qualification] bench",
-                f"{self.bench!r} has no such parameter; give {' or '.join(kinds)}",
-                names=kinds,
-            )
+            text = f"{self.bench!r} has no such parameter; give {' or '.join(kinds)}"
+            raise key_error("[qualification] bench", text, names=kinds)
 
     def used(self, name: str) -> Measured | None:
         """Return a parameter from the earlier qualifications, or None if they do not contain it."""

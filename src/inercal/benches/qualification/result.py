@@ -166,11 +166,8 @@ def require_covariance(covariance: Array, names: tuple[str, ...], what: str) -> 
         symmetric = np.allclose(correlation, correlation.T, rtol=0, atol=1e-9)
         if symmetric and np.linalg.eigvalsh(correlation)[0] > 0:
             return
-    raise InputError(
-        f"{what}: the covariance of {', '.join(names)} is not symmetric and positive definite",
-        key="covariance",
-        names=names,
-    )
+    text = f"{what}: the covariance of {', '.join(names)} is not symmetric and positive definite"
+    raise InputError(text, key="covariance", names=names)
 
 
 YEAR = 365.25  # d

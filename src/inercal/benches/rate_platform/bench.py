@@ -68,7 +68,7 @@ class StatedError(NamedTuple):
     scope: Scope
     example: str
     meaning: str
-    components: tuple[str, ...] = ()
+    components: str = ""
 
     @property
     def unit(self) -> str:
@@ -84,13 +84,11 @@ STATED: Mapping[str, StatedError] = {
     "rate_hysteresis": StatedError("°/s", "run", "1 °/h", "hysteresis of the table's rate"),
     "settling": StatedError("1", "run", "1 ppm", "remaining part of a change of rate"),
     "turn_angle": StatedError("°", "position", "0.01 °", "angle of a turn"),
-    "setting": StatedError("°", "mounting", "0.05 °", "table's axis in the case", ("1", "2")),
-    "arm": StatedError("m", "mounting", "5 mm", "distance of the sensor from the axis", ("1", "2")),
-    "turn_on": StatedError(
-        "°/s", "mounting", "60 °/h", "gyros' bias in a setting", ("x", "y", "z")
-    ),
-    "attitude": StatedError("°", "position", "0.05 °", "tilt of a pose", ("1", "2")),
-    "mounting": StatedError("°", "run", "0.1 °", "mounting of the case", ("x", "y", "z")),
+    "setting": StatedError("°", "mounting", "0.05 °", "table's axis in the case", "12"),
+    "arm": StatedError("m", "mounting", "5 mm", "distance of the sensor from the axis", "12"),
+    "turn_on": StatedError("°/s", "mounting", "60 °/h", "gyros' bias in a setting", "xyz"),
+    "attitude": StatedError("°", "position", "0.05 °", "tilt of a pose", "12"),
+    "mounting": StatedError("°", "run", "0.1 °", "mounting of the case", "xyz"),
 }
 
 

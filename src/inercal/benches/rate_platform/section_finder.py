@@ -152,11 +152,8 @@ def _matched(
             done += 1
             continue
         if not 0 < done < len(tokens):
-            raise InputError(
-                f"turn {step.label} needs a rest before and after it; state both",
-                key="[data] sections",
-                names=(step.label,),
-            )
+            text = f"turn {step.label} needs a rest before and after it; state both"
+            raise InputError(text, key="[data] sections", names=(step.label,))
         guard = round(_GUARD * recording.rate_hz)
         pieces.append((tokens[done - 1].stop - guard, tokens[done].start + guard))
     return pieces

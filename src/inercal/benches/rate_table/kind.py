@@ -160,14 +160,8 @@ def _motion_at_instants(
         factor = 1 + common + np.asarray(np.interp(np.abs(rate), rates, off), dtype=np.float64)
         w, dw = rate * factor, acceleration * factor
         swing = rotate_horizontal(lean, azimuth)
-        f = np.stack(
-            [
-                radius * w**2 + g * swing[:, 0],
-                -radius * dw + g * swing[:, 1],
-                np.full(len(moved), g * upward),
-            ],
-            axis=-1,
-        )
+        inwards, forwards = radius * w**2 + g * swing[:, 0], -radius * dw + g * swing[:, 1]
+        f = np.stack([inwards, forwards, np.full(len(moved), g * upward)], axis=-1)
         axis = body[:, 2]
         return np.concatenate([f @ body.T, w[:, None] * axis, dw[:, None] * axis], axis=-1)
 
@@ -200,16 +194,10 @@ def sheet(run: RunBase[RateTableData]) -> Sheet:
         assert step.attitude is not None
         rpm, up = step.rate * 30 / pi, Hold("", step.attitude.up, 0.0).describe()
         reads = [f"{x + 0.0:+.3f}".replace("-", "−") for x in np.asarray(f / G0).round(3).tolist()]
-        rows.append(
-            SheetRow(
-                step.label,
-                (str(k), name, up, f"{rpm:.4g}", f"{step.seconds:g} s", *reads),
-                step.seconds,
-                name,
-                (name, f"{step.rate / size:.12g}"),
-                {"mounting": name, "up": up, "rpm": rpm, "felt": f.tolist()},
-            )
-        )
+        cells = (str(k), name, up, f"{rpm:.4g}", f"{step.seconds:g} s", *reads)
+        given = (name, f"{step.rate / size:.12g}")
+        facts = {"mounting": name, "up": up, "rpm": rpm, "felt": f.tolist()}
+        rows.append(SheetRow(step.label, cells, step.seconds, name, given, facts))
     return Sheet(
         f"{len(rows)} states, {format_duration(sum(step.seconds for step in steps))} in all",
         (

@@ -221,15 +221,10 @@ def _table(run: RunBase[RateTableData]) -> EstimatorInput:
     where = str(run.data.mounting)
     table = read_columns(path, wanted, [where, rate])
     rates = number_column(path, table, rate, "give the rate, 0 at rest,") * unit
+    mountings = map(recording_loader.position_name, table.columns[where].tolist())
     poses = [
-        _parse_mounting(
-            recording_loader.position_name(text),
-            where,
-            f"{path} {table.place(k)}",
-            path,
-            table.line(k),
-        )
-        for k, text in enumerate(table.columns[where].tolist())
+        _parse_mounting(text, where, f"{path} {table.place(k)}", path, table.line(k))
+        for k, text in enumerate(mountings)
     ]
     rpm = (rates * 30 / pi).tolist()
     names = [f"{pose.name} at {turning:.6g} rpm" for pose, turning in zip(poses, rpm, strict=True)]

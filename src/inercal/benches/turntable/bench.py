@@ -32,7 +32,7 @@ from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParamet
 from inercal.basics.units import Measured
 from inercal.benches.contract import require_possible_values
 from inercal.benches.key_declarations import constant, declared_parameters, deviation, small_angle
-from inercal.benches.turntable.axis_profiles import AxisMotionLimits
+from inercal.benches.motion_control import AxisMotionLimits
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.plan import TableStep
 from inercal.physics.sensors import Sensor

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from inercal.basics.units import format_count
 from inercal.benches.key_declarations import add_bench_keys, build_bench
-from inercal.benches.turntable.axis_profiles import AxisMotionLimits
+from inercal.benches.motion_control import AxisMotionLimits
 from inercal.benches.turntable.bench import StillTable, Turntable
 from inercal.physics.section_settings import (
     PLANNING,

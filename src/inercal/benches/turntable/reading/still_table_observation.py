@@ -102,11 +102,10 @@ def _require_samples(run: RunBase[TurntableData]) -> None:
             "[data] kind",
             f"method {run.method.name} integrates samples through turns; give a recording",
         )
-    unused = ["seconds"] if run.data.seconds is not None else []
-    unused += ["marks"] if run.data.marks != "found" else []
-    if unused:
-        key, reason = unused[0], "finds rests with the gyros"
-        raise key_error(f"[data] {key}", f"method {run.method.name} {reason}; remove {key}")
+    if run.data.seconds is not None or run.data.marks != "found":
+        key = "marks" if run.data.seconds is None else "seconds"
+        text = f"method {run.method.name} finds rests with the gyros; remove {key}"
+        raise key_error(f"[data] {key}", text)
     if {axis.measures for axis in run.sensor.axes} != {"f", "w"}:
         raise key_error("[sensor.gyro]", "is missing: gyros must carry the attitude between rests")
     for axis in run.sensor.axes:
