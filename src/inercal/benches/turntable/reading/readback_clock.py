@@ -266,7 +266,7 @@ def _search(table: WindowedRates, gyros: WindowedRates) -> Array | None:
         t = np.arange(first - _PAUSE, last + _PAUSE, _GRID)
         seen = np.asarray(np.interp(t, table.time, speed), dtype=float)
         tried = lates[-1] + np.arange(-reach, reach + _GRID, _GRID)
-        shifted = (np.interp(t - late, gyros.time, size) for late in tried.tolist())
+        shifted: list[Array] = [np.interp(t - late, gyros.time, size) for late in tried.tolist()]
         miss = [float(np.linalg.norm(one - seen)) for one in shifted]
         middles.append(middle)
         lates.append(float(tried[np.argmin(miss)]))
