@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.benches.turntable.axis_profiles import AxisMotionLimits, join_profiles, move_profile
+from inercal.benches.motion_control import AxisMotionLimits
+from inercal.benches.turntable.simulation import join_profiles, move_profile
 
 TRAPEZOID = AxisMotionLimits(0.5, 0.4)
 S_CURVE = AxisMotionLimits(0.5, 0.4, 0.8)

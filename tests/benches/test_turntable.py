@@ -11,6 +11,7 @@ from tests.refusals import refused
 
 from inercal.basics.units import Measured
 from inercal.benches import Turntable
+from inercal.benches.motion_control import AxisMotionLimits
 from inercal.benches.turntable.attitude import (
     ideal_readback,
     linear_misalignment,
@@ -18,7 +19,6 @@ from inercal.benches.turntable.attitude import (
     reference_attitude,
     true_attitude,
 )
-from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.frames import log_so3
 

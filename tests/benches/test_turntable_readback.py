@@ -9,7 +9,7 @@ from tests.qualification.test_bench_keys import qualification_of
 from tests.runfile.key_sweep import Content, example, toml
 
 from inercal.basics.errors import InputError
-from inercal.benches.qualification.qualification_file import save
+from inercal.benches.qualification.result import save
 from inercal.methods import METHODS
 from inercal.pipeline import apply_data_columns, calibrate, simulate
 from inercal.recordings.io.write import write_recording

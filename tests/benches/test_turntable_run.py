@@ -11,8 +11,8 @@ from tests.refusals import refused
 
 from inercal.basics.units import Measured
 from inercal.benches import Turntable
+from inercal.benches.motion_control import AxisMotionLimits
 from inercal.benches.turntable.attitude import true_attitude
-from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.benches.turntable.simulation import (
     path_profile,
     simulate_turntable_motion,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import inercal
-from inercal.benches.qualification.qualification_file import load as load_qualification
+from inercal.benches.qualification.result import load as load_qualification
 from inercal.calibration.check_standard import load_check_standard
 from inercal.calibration.files import load
 from inercal.calibration.specification import load_next_use

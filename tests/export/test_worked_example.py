@@ -17,8 +17,7 @@ import inercal
 from inercal.calibration import Calibration, Validity
 from inercal.export import export_calibration
 from inercal.physics.sensors import TABLES, imu
-from inercal.physics.sensors.basis_functions import Basis
-from inercal.physics.sensors.coefficient_tables import TERMS, ErrorTerm
+from inercal.physics.sensors.coefficient_tables import TERMS, Basis, ErrorTerm
 
 M = np.array([[1.0012, 0.0030, -0.0021], [-0.0018, 0.9985, 0.0007], [0.0026, -0.0011, 1.0020]])
 B = np.array([0.12, -0.08, 0.25])

@@ -16,7 +16,7 @@ from tests.refusals import refused
 from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
 from inercal.benches import Turntable
-from inercal.benches.turntable.axis_profiles import AxisMotionLimits
+from inercal.benches.motion_control import AxisMotionLimits
 from inercal.host.addresses import (
     allows_second_connection,
     layout_of_address,

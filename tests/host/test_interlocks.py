@@ -9,8 +9,8 @@ from tests.refusals import refused
 
 from inercal.basics.units import Measured
 from inercal.benches import Turntable
+from inercal.benches.motion_control import AxisMotionLimits
 from inercal.benches.turntable.attitude import motion
-from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks
 from inercal.physics.sensors import imu

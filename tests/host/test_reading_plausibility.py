@@ -11,8 +11,8 @@ from tests.base_seeds import chosen, evidence
 from tests.host.synthetic_log import LAYOUT, PATH, Bench, Faults, run_file
 
 from inercal.basics.units import Measured
+from inercal.benches.motion_control import AxisMotionLimits
 from inercal.benches.turntable import Turntable
-from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.assembly.reading_plausibility import (
     MAX_IMPLAUSIBLE_READINGS,

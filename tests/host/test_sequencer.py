@@ -9,8 +9,7 @@ from tests.refusals import refused
 
 from inercal.basics.units import Measured
 from inercal.benches import Turntable
-from inercal.benches.motion_control import TurnTask
-from inercal.benches.turntable.axis_profiles import AxisMotionLimits
+from inercal.benches.motion_control import AxisMotionLimits, TurnTask
 from inercal.benches.turntable.kind import plan_tasks
 from inercal.host.drivers.rotary_table import AxisState, TableFault, TableState
 from inercal.host.sequencer import (

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from inercal.benches.qualification.input_file import qualify
-from inercal.benches.qualification.measurements.radius import RadiusSensor, radius_by_sensor
-from inercal.benches.qualification.qualification_file import load, save
-from inercal.benches.qualification.result import drift_between
+from inercal.benches.qualification.measurements.arms import RadiusSensor, radius_by_sensor
+from inercal.benches.qualification.result import drift_between, load, save
 from inercal.laboratory.check_standard.bench_charts import bench_charts
 from inercal.laboratory.store import Register
 from inercal.laboratory.store.uses import calibrations_of_bench

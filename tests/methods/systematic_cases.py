@@ -6,8 +6,8 @@ import numpy as np
 from tests.methods import systematic_table as made
 
 from inercal.basics.units import Measured
+from inercal.benches.turntable.bench import StillTable
 from inercal.benches.turntable.reading.still_table_observation import find_rests
-from inercal.benches.turntable.still_table import StillTable
 from inercal.estimation import Estimate
 from inercal.methods import method
 from inercal.physics.sensors import Noise, Readout, Sensor, imu

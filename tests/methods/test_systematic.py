@@ -288,7 +288,7 @@ def test_gravity_that_is_wrong_moves_scale_factors_and_nothing_shows_it():
 @pytest.mark.slow
 def test_gravity_and_latitude_enter_as_shared_errors():
     from inercal.basics.units import Measured
-    from inercal.benches.turntable.still_table import StillTable
+    from inercal.benches.turntable.bench import StillTable
 
     table, sensor = made.Table(), sensor_of(made.NAVIGATION)
     seen = observations_of(device("N", table=table), sensor)

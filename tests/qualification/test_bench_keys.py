@@ -18,7 +18,7 @@ from inercal.basics.errors import InputError
 from inercal.benches.kind_definition import KINDS
 from inercal.benches.qualification import Qualification, QualifiedParameter
 from inercal.benches.qualification.bench_keys import read_qualifications, with_qualified_keys
-from inercal.benches.qualification.qualification_file import save
+from inercal.benches.qualification.result import save
 from inercal.runfile import Run, read
 
 RUNS = {

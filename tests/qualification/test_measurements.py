@@ -18,19 +18,23 @@ from tests.refusals import refused
 from inercal.basics.arrays import Array
 from inercal.basics.units import Measured
 from inercal.benches.qualification.linear_fit import MeasuredParameters, linear_fit
-from inercal.benches.qualification.measurements.azimuth import earth_rate_azimuth
-from inercal.benches.qualification.measurements.gravity import local_gravity, tied_gravity
-from inercal.benches.qualification.measurements.head_map import head_map
-from inercal.benches.qualification.measurements.radius import (
-    RadiusSensor,
-    radius_by_machine,
-    radius_by_sensor,
-)
-from inercal.benches.qualification.measurements.rates import rate_error, rate_stability
-from inercal.benches.qualification.measurements.tilts import (
+from inercal.benches.qualification.measurements.angles import (
+    head_map,
     right_angle,
     right_angle_sign,
     table_tilt,
+)
+from inercal.benches.qualification.measurements.arms import (
+    RadiusSensor,
+    radius_by_machine,
+    radius_by_sensor,
+    rate_error,
+    rate_stability,
+)
+from inercal.benches.qualification.measurements.earth import (
+    earth_rate_azimuth,
+    local_gravity,
+    tied_gravity,
 )
 
 Rng = np.random.Generator

@@ -15,8 +15,7 @@ from tests.refusals import refused
 
 from inercal.benches.qualification import Qualification
 from inercal.benches.qualification.input_file import qualify
-from inercal.benches.qualification.qualification_file import load, qualification_object, save
-from inercal.benches.qualification.result import drift_between
+from inercal.benches.qualification.result import drift_between, load, qualification_object, save
 from inercal.calibration import SharedError, shared_errors
 from inercal.calibration.files import load as load_calibration
 from inercal.calibration.files import save as save_calibration

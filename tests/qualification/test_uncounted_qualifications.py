@@ -16,7 +16,7 @@ from tests.qualification.test_qualified_benches import QUALIFIED, by_cost, given
 from tests.refusals import refused
 
 from inercal.benches.qualification.input_file import qualify
-from inercal.benches.qualification.qualification_file import save
+from inercal.benches.qualification.result import save
 from inercal.methods import METHODS
 from inercal.methods.temperature_ramp import METHOD as RAMP
 from inercal.pipeline import calibrate

@@ -11,7 +11,7 @@ from tests.runfile.run_file_texts import FERRARIS, changed
 
 from inercal.basics.errors import InputError
 from inercal.benches.kind_definition import KINDS
-from inercal.benches.rate_table.settings import RateTableData, RateTableSection
+from inercal.benches.rate_table.kind import RateTableData, RateTableSection
 from inercal.cli.app import main
 from inercal.runfile import read, schema
 

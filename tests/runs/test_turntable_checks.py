@@ -12,7 +12,7 @@ from tests.refusals import refused
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
-from inercal.benches.column_orders import SignedPermutation, signed_permutations
+from inercal.benches.stated_axes import SignedPermutation, signed_permutations
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.sample_checks import require_angle_unit
 from inercal.benches.turntable.reading.track_checks import ColumnNames, check_track

@@ -21,8 +21,8 @@ from inercal.physics.sensors import (
     single,
     triad,
 )
-from inercal.physics.sensors.basis_functions import COMPONENTS
 from inercal.physics.sensors.coefficient_selection import select_coefficients
+from inercal.physics.sensors.coefficient_tables import COMPONENTS
 
 UG, PPM = 1e-6 * G0, 1e-6
 rng = np.random.default_rng(1293)

@@ -62,7 +62,7 @@ def run(
 
 def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
     from inercal.benches.qualification.input_file import input_files, qualify
-    from inercal.benches.qualification.qualification_file import qualification_object, save
+    from inercal.benches.qualification.result import qualification_object, save
 
     if out is not None:
         check_outputs({out: QUALIFICATION}, input_files(file), force=force)
@@ -80,8 +80,7 @@ def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
 
 
 def _drift(files: list[Path], json: bool) -> None:
-    from inercal.benches.qualification.qualification_file import load
-    from inercal.benches.qualification.result import drift_between
+    from inercal.benches.qualification.result import drift_between, load
 
     earlier, later = map(load, files)
     found = drift_between(earlier, later)
@@ -93,7 +92,7 @@ def _drift(files: list[Path], json: bool) -> None:
 
 def _withdraw(file: Path, reason: str, address: str | None, json: bool) -> None:
 
-    from inercal.benches.qualification.qualification_file import load, save
+    from inercal.benches.qualification.result import load, save
     from inercal.laboratory.store.uses import qualification_uses
 
     found = load(file)

@@ -26,7 +26,7 @@ from inercal.physics.frames import exp_so3
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.basis_functions import Basis
+from inercal.physics.sensors.coefficient_tables import Basis
 
 _DIP = np.radians(65.0)  # dip of the field in middle latitudes
 _FLOAT32 = 2.0**-24

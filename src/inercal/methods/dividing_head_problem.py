@@ -15,8 +15,12 @@ from inercal.basics.units import format_count
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
 from inercal.benches.dividing_head.bench import position_plan as on_head
 from inercal.benches.dividing_head.characteristics import loop_columns
-from inercal.benches.dividing_head.head_angles import READING_SCALE, sensor_angles
-from inercal.benches.dividing_head.passes import drift_ramps, pass_names
+from inercal.benches.dividing_head.passes import (
+    READING_SCALE,
+    drift_ramps,
+    pass_names,
+    sensor_angles,
+)
 from inercal.estimation import Problem
 from inercal.estimation.scores import HYSTERESIS
 from inercal.methods import Fit, Priors, Remarks, candidates, mean_problem

@@ -54,8 +54,12 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.keys import CoefficientName
-from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
-from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
+from inercal.benches.dividing_head.bench import (
+    DividingHead,
+    bench_covariance,
+    reading_sensitivities,
+    sensed_motion,
+)
 from inercal.benches.dividing_head.passes import SAME_ANGLE, TILT
 from inercal.benches.dividing_head.passes import evenly_spaced_angles as even_angles
 from inercal.estimation import Estimate

@@ -20,6 +20,16 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 
 
+def transform(mat: Array, vector: Array) -> Array:
+    """Return mat v for matrices (..., m, n) and vectors (..., n), (..., m)."""
+    return (mat @ vector[..., None])[..., 0]
+
+
+def stack_components(*components: Array) -> Array:
+    """Return vectors, (..., m), from m components, (...) each, which may be broadcast."""
+    return np.stack(np.broadcast_arrays(*components), axis=-1)
+
+
 def skew(v: ArrayLike) -> Array:
     """Return the cross-product matrix [v×], so that skew(v) @ u = v × u.
 

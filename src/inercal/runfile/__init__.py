@@ -20,6 +20,7 @@ from inercal.benches.kind_definition import KINDS, Kind, kind_name_for_class
 from inercal.benches.qualification import UsedQualifications
 from inercal.methods import METHODS, method
 from inercal.physics.plan import Turn
+from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.runfile import method_section, section_checks
 from inercal.runfile.environment_section import (
@@ -152,10 +153,10 @@ def _build_run(
     section_checks.require_no_field_priors(schema.method, magnetometer)
     if not isinstance(bench, chosen.bench):
         needed = kind_name_for_class(chosen.bench)
-        raise InputError(
-            f"[bench] kind: method {chosen.name} needs {needed!r}, not {kind.name!r}; change "
-            "[bench] kind or [method] name",
-            key="[bench] kind",
+        raise key_error(
+            "[bench] kind",
+            f"method {chosen.name} needs {needed!r}, not {kind.name!r}; change [bench] kind or "
+            "[method] name",
             names=(needed, kind.name),
         )
     schema.data.readback(bench)  # checks the units before any file is read

@@ -5,7 +5,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import Measured
 from inercal.methods import Method
@@ -26,17 +25,10 @@ ORDERED = ("bias", "scale factor", "misalignment")
 """Quantities that have a polynomial order in temperature, in the order used in a run file."""
 MAX_ORDERS = (3, 2, 1)
 # Temperature terms for each kind of axis and each quantity, by order starting at 1.
+_TILTS = (("delta_o_dT", "delta_p_dT"),)
 _TERMS = {
-    "f": (
-        (("k0_dT",), ("k0_dT2",), ("k0_dT3",)),
-        (("k1_dT",), ("k1_dT2",)),
-        (("delta_o_dT", "delta_p_dT"),),
-    ),
-    "w": (
-        (("bias_dT",), ("bias_dT2",), ("bias_dT3",)),
-        (("scale_dT",), ("scale_dT2",)),
-        (("delta_o_dT", "delta_p_dT"),),
-    ),
+    "f": ((("k0_dT",), ("k0_dT2",), ("k0_dT3",)), (("k1_dT",), ("k1_dT2",)), _TILTS),
+    "w": ((("bias_dT",), ("bias_dT2",), ("bias_dT3",)), (("scale_dT",), ("scale_dT2",)), _TILTS),
     "m": ((("bias_dT",),), (("scale_dT",),), ()),
 }
 
@@ -193,11 +185,11 @@ def stated_environment(
     if section is None:
         return None
     if schema.sensor.magnetometer is not None:
-        raise InputError(
-            "[environment]: errors that the rows of a soak or a ramp share are not included for "
-            "magnetometers; remove [environment], so that recorded temperatures are taken as "
-            "exact, or remove [sensor.magnetometer]",
-            key="[environment]",
+        raise key_error(
+            "[environment]",
+            "errors that the rows of a soak or a ramp share are not included for magnetometers; "
+            "remove [environment], so that recorded temperatures are taken as exact, or remove "
+            "[sensor.magnetometer]",
         )
     _require_used(section, schema, sensor, chosen)
     lag = _stated_lag(section, chosen)
@@ -285,10 +277,10 @@ def _require_used(
 ) -> None:
     """Raise an error if the section, or one of its keys, has no effect on the result."""
     if not sensor.uses("dT", "dTdt"):
-        raise InputError(
-            "[environment]: the run estimates no temperature coefficients, so the section has "
+        raise key_error(
+            "[environment]",
+            "the run estimates no temperature coefficients, so the section has "
             'no effect; state [method] temperature_order = "auto", or remove [environment]',
-            key="[environment]",
         )
     ramp = section.kind == "ramp"
     if chosen.follows_rest and not ramp:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from inercal.basics.keys import CoefficientName
 from inercal.methods import Method
-from inercal.physics.section_settings import key_error, positive_value, si_value
+from inercal.physics.section_settings import Section, key_error, positive_value, si_value
 from inercal.physics.sensors import Sensor
 from inercal.runfile.schema import FilterSection, RunSchema
 
@@ -107,11 +107,7 @@ def _filter_config(
         changes["bias_drift"] = section.bias_drift
     if section.table_states is not None:
         changes["table_states"] = section.table_states
-    found = {
-        name: _value(f"{FILTER_KEY} {name}", text, limits)
-        for name, limits in _RANGES.items()
-        if (text := getattr(section, name)) is not None
-    }
+    found = _stated_values(section, FILTER_KEY, _RANGES)
     if (sd := found.get("readback_sd")) is not None:
         changes["attitude_sd"] = (sd, sd)
     if (sd := found.get("velocity_sd")) is not None:
@@ -122,17 +118,22 @@ def _filter_config(
             filter_config.require_whole_epoch(epoch, 1 / rate_hz)
         changes["epoch"] = epoch
     if section.initial is not None:
-        initial = {
-            name: _value(f"[method.filter.initial] {name}", text, limits)
-            for name, limits in _INITIAL_RANGES.items()
-            if (text := getattr(section.initial, name)) is not None
-        }
+        initial = _stated_values(section.initial, "[method.filter.initial]", _INITIAL_RANGES)
         for name in initial.keys() & filter_config.INITIAL_TERMS.keys():
             kind, terms = filter_config.INITIAL_TERMS[name]
             _require_estimated(name, (kind, terms), sensor)
             initial[name] = _unrounded(initial[name], config.expected_sizes(kind)[terms[0]])
         changes["initial"] = initial
     return config._replace(source_values=config.source_values - found.keys(), **changes)
+
+
+def _stated_values(section: Section, place: str, ranges: Mapping[str, _Range]) -> dict[str, float]:
+    """Return the quantities that a section states, in SI units."""
+    return {
+        name: _value(f"{place} {name}", text, limits)
+        for name, limits in ranges.items()
+        if (text := getattr(section, name)) is not None
+    }
 
 
 def _value(key: str, text: str, limits: _Range) -> float:

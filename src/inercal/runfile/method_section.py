@@ -5,7 +5,6 @@ from functools import partial
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
-from inercal.basics.errors import InputError
 from inercal.methods import METHODS, Method
 from inercal.physics.plan import Step
 from inercal.physics.section_settings import key_error, positive_value, si_value
@@ -75,9 +74,9 @@ def _plan_option(given: str | bool | int | tuple[str, ...], like: str, key: str)
         return given
     value = given if isinstance(given, int) else si_value(given, like, key)
     if value == 0 or (like not in ("°", "rpm") and value < 0):
-        raise InputError(f"{key}: {given!r} must be positive{_SENSE * (like == '°')}", key=key)
+        raise key_error(key, f"{given!r} must be positive{_SENSE * (like == '°')}")
     if key == "[method] positions" and value > _MOST_POSITIONS:
-        raise InputError(f"{key}: {given} is too many; give {_MOST_POSITIONS} or fewer", key=key)
+        raise key_error(key, f"{given} is too many; give {_MOST_POSITIONS} or fewer")
     return value
 
 
@@ -93,10 +92,10 @@ def stated_also(section: MethodSection, chosen: Method[Any, Any]) -> tuple[str, 
         return section.also
     if section.estimator in chosen.closed_formulas:
         other = next(iter(chosen.estimators))
-        raise InputError(
-            f'[method] also: "auto" is not possible with estimator {section.estimator}, whose '
+        raise key_error(
+            "[method] also",
+            f'"auto" is not possible with estimator {section.estimator}, whose '
             f"formulas cannot take more coefficients; use estimator {other}, or remove the key",
-            key="[method] also",
             names=(section.estimator,),
         )
     return ()
@@ -117,10 +116,10 @@ def require_frame(frame: str, chosen: Method[Any, Any], estimator: str) -> None:
         for each in METHODS.values()
         if each.norm_only_estimators
     )
-    raise InputError(
-        f"[sensor] frame: estimator {estimator} of {chosen.name} does not support frame "
-        f"{frame!r}; remove frame, or use an estimator that uses only norms: {possible}",
-        key="[sensor] frame",
+    raise key_error(
+        "[sensor] frame",
+        f"estimator {estimator} of {chosen.name} does not support frame {frame!r}; remove frame, "
+        f"or use an estimator that uses only norms: {possible}",
         names=(estimator,),
     )
 
@@ -137,10 +136,10 @@ def search_options(
     """
     if chosen.name != _SEARCHING_METHOD or estimator != "global":
         if section.search is not None:
-            raise InputError(
-                f"{_SEARCH} is used only by estimator global of ship_multi_angle; {estimator} of "
+            raise key_error(
+                _SEARCH,
+                f"is used only by estimator global of ship_multi_angle; {estimator} of "
                 f"{chosen.name} does not search: remove {_SEARCH}",
-                key=_SEARCH,
                 names=(estimator,),
             )
         return None
@@ -150,7 +149,7 @@ def search_options(
     goal = _positive_value(search, "goal", "1")
     if goal >= 1:
         key = f"{_SEARCH} goal"
-        raise InputError(f"{key}: {search.goal!r} must be less than 100 %", key=key)
+        raise key_error(key, f"{search.goal!r} must be less than 100 %")
     bounds = Bounds(
         _positive_value(search, "scale_error", "1"),
         _positive_value(search, "cross_axis", "1"),

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import si_factor
 from inercal.estimation import Gaussian
@@ -20,7 +19,6 @@ from inercal.runfile.sensor_builder import coefficient_value
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
-    from inercal.calibration.type_prior import TypeReadout
 
 
 def method_priors(section: MethodSection, folder: Path, sensor: Sensor) -> tuple[Gaussian, ...]:
@@ -45,9 +43,9 @@ def method_priors(section: MethodSection, folder: Path, sensor: Sensor) -> tuple
         value = coefficient_value(sensor, name, text, "[method.prior]")
         if value.sd == 0:
             key = f"[method.prior] {name}"
-            raise InputError(
-                f"{key}: {text!r} has no uncertainty; add ± and the standard uncertainty",
-                key=key,
+            raise key_error(
+                key,
+                f"{text!r} has no uncertainty; add ± and the standard uncertainty",
                 names=(name,),
             )
         priors.append(Gaussian((name,), np.array([value.value]), np.array([[value.sd**2]])))
@@ -59,10 +57,10 @@ def method_priors(section: MethodSection, folder: Path, sensor: Sensor) -> tuple
         priors.append(type_prior_of(folder / section.prior_type, sensor))
     found = [name for prior in priors for name in prior.names]
     if twice := tuple(name for name in dict.fromkeys(found) if found.count(name) > 1):
-        raise InputError(
-            f"[method]: prior, prior_file, prior_from and prior_type give {', '.join(twice)} more "
-            "than once; keep one source for each coefficient",
-            key="[method]",
+        raise key_error(
+            "[method]",
+            f"prior, prior_file, prior_from and prior_type give {', '.join(twice)} more than once; "
+            "keep one source for each coefficient",
             names=twice,
         )
     return tuple(priors)
@@ -83,10 +81,10 @@ def _static_prior(path: Path, sensor: Sensor) -> Gaussian:
             key, f"{path.name} is a calibration on a centrifuge; give a static calibration"
         )
     if known.sensor.name != sensor.name:
-        raise InputError(
-            f"{key}: {path.name} is of sensor {known.sensor.name!r}, but [sensor] name is "
+        raise key_error(
+            key,
+            f"{path.name} is of sensor {known.sensor.name!r}, but [sensor] name is "
             f"{sensor.name!r}; give a calibration of this sensor",
-            key=key,
         )
     # If there are misalignments, k1 does not mean the same in the two forms.
     known = known.in_form(sensor.form)
@@ -129,9 +127,8 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
     key = f'[method.prior_from."{path.name}"]'
     known = load(path)
     if not taken:
-        raise InputError(
-            f'{key}: the section is empty; name the coefficients to take, such as "a.k3" = "ax.k3"',
-            key=key,
+        raise key_error(
+            key, 'the section is empty; name the coefficients to take, such as "a.k3" = "ax.k3"'
         )
     for ours, theirs in taken.items():
         for name, each, whose in (
@@ -139,30 +136,21 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
             (theirs, known.sensor, f"{path.name} has"),
         ):
             if name not in each.coefficients:
-                raise InputError(
-                    f"{key}: no coefficient {name!r}; {whose} {', '.join(each.coefficients)}",
-                    key=key,
-                    names=(name,),
-                )
+                text = f"no coefficient {name!r}; {whose} {', '.join(each.coefficients)}"
+                raise key_error(key, text, names=(name,))
         term = CoefficientName(ours).term
         if term != CoefficientName(theirs).term:
-            raise InputError(
-                f"{key}: {ours} and {theirs} are different terms; use the same term in both",
-                key=key,
-                names=(ours, theirs),
-            )
+            text = f"{ours} and {theirs} are different terms; use the same term in both"
+            raise key_error(key, text, names=(ours, theirs))
         if term.startswith("delta"):
-            raise InputError(
-                f"{key}: {ours} depends on the fixture, not only on the accelerometer; remove it",
-                key=key,
-                names=(ours,),
-            )
+            text = f"{ours} depends on the fixture, not only on the accelerometer; remove it"
+            raise key_error(key, text, names=(ours,))
         has_misalignment = any(".delta" in name for name in known.sensor.coefficients)
         if term == "k1" and has_misalignment and known.sensor.form != sensor.form:
-            raise InputError(
-                f"{key}: {theirs} is in the {known.sensor.form} form, where k1 contains a "
-                f"misalignment; calibrate that sensor in the {sensor.form} form",
-                key=key,
+            raise key_error(
+                key,
+                f"{theirs} is in the {known.sensor.form} form, where k1 contains a misalignment; "
+                f"calibrate that sensor in the {sensor.form} form",
                 names=(theirs,),
             )
         mine, other = (
@@ -203,10 +191,13 @@ def type_prior_of(path: Path, sensor: Sensor) -> Gaussian:
     key = "[method] prior_type"
     known = load_type_prior(path)
     axes = {
-        (readout.axis or axis.name): (axis, replace(axis, readout=_readout(readout)))
-        for readout in known.readout
+        (one.axis or axis.name): (
+            axis,
+            replace(axis, readout=Readout(one.scale, one.offset, one.unit)),
+        )
+        for one in known.readout
         for axis in sensor.axes
-        if axis.measures == readout.measures and readout.axis in ("", axis.name)
+        if axis.measures == one.measures and one.axis in ("", axis.name)
     }
     used: dict[str, tuple[int, str]] = {}
     for k, name in enumerate(known.names):
@@ -215,27 +206,23 @@ def type_prior_of(path: Path, sensor: Sensor) -> Gaussian:
             if (full := CoefficientName.of(axis, term)) in sensor.coefficients:
                 used[full] = (k, "" if own else axis)
     if not used:
-        raise InputError(
-            f"{key}: {path.name} has {', '.join(known.names)}, but the method estimates "
+        raise key_error(
+            key,
+            f"{path.name} has {', '.join(known.names)}, but the method estimates "
             f"{', '.join(sensor.coefficients)}; give the prior of one of these",
-            key=key,
             names=known.names,
         )
     for name in used:
         _require_same_readout(key, path, *axes[CoefficientName(name).axis])
         if CoefficientName(name).term == "k1" and known.form != sensor.form:
-            raise InputError(
-                f"{key}: {name} in {path.name} is in the {known.form} form; make the prior from "
+            raise key_error(
+                key,
+                f"{name} in {path.name} is in the {known.form} form; make the prior from "
                 f"calibrations in the {sensor.form} form",
-                key=key,
                 names=(name,),
             )
     mean = np.array([known.coefficient[k].mean for k, _ in used.values()])
     return Gaussian(tuple(used), mean, known.covariance(used.values()))
-
-
-def _readout(stated: "TypeReadout") -> Readout:
-    return Readout(stated.scale, stated.offset, stated.unit)
 
 
 def _gaussian(names: tuple[str, ...], known: "Calibration", sources: tuple[str, ...]) -> Gaussian:
@@ -247,11 +234,11 @@ def _gaussian(names: tuple[str, ...], known: "Calibration", sources: tuple[str, 
 def _require_same_readout(key: str, path: Path, axis: Axis, other: Axis) -> None:
     """Raise an error if the coefficients of an axis refer to a different nominal readout."""
     if not has_same_readout(axis, other):
-        raise InputError(
-            f"{key}: nominal scale and offset of {axis.name} are {describe_readout(other)} in "
+        raise key_error(
+            key,
+            f"nominal scale and offset of {axis.name} are {describe_readout(other)} in "
             f"{path.name}, but {describe_readout(axis)} in this run; the coefficients refer to "
             "them: state the same in [sensor]",
-            key=key,
             names=(axis.name,),
         )
 

@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from inercal.basics.errors import InputError
 from inercal.basics.small_files import is_file, read_toml, texts_of
 from inercal.benches import Bench
 from inercal.benches.kind_definition import KINDS, Kind
@@ -71,9 +70,7 @@ def qualified_bench(bench: Bench, used: UsedQualifications) -> Bench:
     if not used.each:
         return bench
     if "qualified" not in {one.name for one in fields(bench)}:
-        raise InputError(
-            f"{KEY}: this kind of bench cannot use a qualification; remove the key", key=KEY
-        )
+        raise key_error(KEY, "this kind of bench cannot use a qualification; remove the key")
     result: Any = replace(cast(Any, bench), qualified=used.parameters)
     bench_keys.require_parameters(result, used)
     return result

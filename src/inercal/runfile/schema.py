@@ -113,28 +113,21 @@ class SearchSection(Section):
     bias: str = "0.2 g"
 
 
+def _filter_sd(example: str, of: str) -> None:
+    """Declare the key for the initial standard deviation of some filter states."""
+    return optional(example, about=f"standard deviation of {of}")
+
+
 class FilterInitialSection(Section):
     """Keys of [method.filter.initial]: initial standard deviations of the filter states."""
 
-    gyro_bias: str | None = optional("1000 °/h", about="standard deviation of the gyros' biases")
-    gyro_scale: str | None = optional(
-        "5000 ppm", about="standard deviation of the gyros' scale factors"
-    )
-    gyro_misalignment: str | None = optional(
-        "20 ′", about="standard deviation of the gyros' misalignments"
-    )
-    accelerometer_bias: str | None = optional(
-        "5 mg", about="standard deviation of the accelerometers' biases"
-    )
-    accelerometer_scale: str | None = optional(
-        "5000 ppm", about="standard deviation of the accelerometers' scale factors"
-    )
-    accelerometer_misalignment: str | None = optional(
-        "20 ′", about="standard deviation of the accelerometers' misalignments"
-    )
-    attitude: str | None = optional(
-        "30 ″", about="standard deviation of the attitude in both filters"
-    )
+    gyro_bias: str | None = _filter_sd("1000 °/h", "the gyros' biases")
+    gyro_scale: str | None = _filter_sd("5000 ppm", "the gyros' scale factors")
+    gyro_misalignment: str | None = _filter_sd("20 ′", "the gyros' misalignments")
+    accelerometer_bias: str | None = _filter_sd("5 mg", "the accelerometers' biases")
+    accelerometer_scale: str | None = _filter_sd("5000 ppm", "the accelerometers' scale factors")
+    accelerometer_misalignment: str | None = _filter_sd("20 ′", "the accelerometers' misalignments")
+    attitude: str | None = _filter_sd("30 ″", "the attitude in both filters")
 
 
 class FilterSection(Section):

@@ -86,7 +86,7 @@ def require_used_keys(
     )
     stated = schema.bench.gravity is not None or schema.bench.latitude is not None
     if not (stated or chosen.follows_rest):
-        raise InputError(f"[bench]: {MISSING_GRAVITY}", key="[bench]")
+        raise key_error("[bench]", MISSING_GRAVITY)
     sections: dict[str, BenchSection | DataSection | ReadoutSection | None] = {
         "bench": schema.bench,
         "data": schema.data,
@@ -262,10 +262,10 @@ def require_magnetometer_method(section: SensorSection, chosen: Method[Any, Any]
     if section.magnetometer is None or "m" in chosen.default_coefficients:
         return
     able = [name for name, each in METHODS.items() if "m" in each.default_coefficients]
-    raise InputError(
-        f"{_SECTION}: method {chosen.name} cannot calibrate magnetometers, but "
-        f"{', '.join(able)} can; remove the section, or change [method] name",
-        key=_SECTION,
+    raise key_error(
+        _SECTION,
+        f"method {chosen.name} cannot calibrate magnetometers, but {', '.join(able)} can; remove "
+        "the section, or change [method] name",
         names=(chosen.name,),
     )
 

@@ -6,7 +6,7 @@ from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import Measured, parse_quantity, si_factor
 from inercal.benches.stated_axes import StatedAxes
 from inercal.physics.quantities import QUANTITIES
-from inercal.physics.section_settings import key_error, positive_value, si_value
+from inercal.physics.section_settings import key_error, non_negative_value, positive_value, si_value
 from inercal.physics.sensors import Noise, Readout, Sensor, output_unit
 from inercal.recordings.data import DataSection
 from inercal.runfile.schema import ReadoutSection, SensorSection
@@ -61,7 +61,7 @@ def _require_same_axes(section: SensorSection, data: DataSection) -> None:
         key, columns, stated = f"[sensor.{kind}]", getattr(data, kind), getattr(section, kind)
         named = columns and (kind == "accelerometer" or kind in data.model_fields_set)
         if named and stated is None:
-            raise InputError(f"{key} is missing", key=key)
+            raise key_error(key, "is missing")
         if stated is not None and not columns:
             raise InputError(
                 f"[data] {kind} names no columns; name those of the {kind}s, or remove {key}",
@@ -98,10 +98,10 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
                 f"only LSB, V, A and Hz need a scale, not {section.unit}; remove this key",
             )
     elif section.scale is None:
-        raise InputError(
-            f"{key} scale is missing: unit {section.unit} needs the nominal scale factor, such as "
+        raise key_error(
+            f"{key} scale",
+            f"is missing: unit {section.unit} needs the nominal scale factor, such as "
             f'scale = "{SCALE_EXAMPLES[kind].format(section.unit)}"',
-            key=f"{key} scale",
         )
     else:
         own = section.scale.partition(" ")[2].partition("/")[0]
@@ -122,15 +122,10 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
         "quantisation": quantity,
     }
     noise = {
-        name: si_value(text, like, f"{key} {name}")
+        name: non_negative_value(text, like, f"{key} {name}")
         for name, like in likes.items()
         if (text := getattr(section, name)) is not None
     }
-    for name, value in noise.items():
-        if value < 0:
-            raise key_error(
-                f"{key} {name}", f"{getattr(section, name)!r} is negative; give 0 or more"
-            )
     return Readout(scale, section.offset, section.unit, full), Noise(**noise)
 
 
@@ -143,10 +138,10 @@ def coefficient_value(sensor: Sensor, name: str, text: str | float, key: str) ->
         The coefficient is unknown or its unit is wrong; the message names `key`.
     """
     if name not in sensor.coefficients:
-        raise InputError(
-            f"{key} {name}: the sensor has no such coefficient; its coefficients are "
+        raise key_error(
+            f"{key} {name}",
+            "the sensor has no such coefficient; its coefficients are "
             f"{', '.join(sensor.coefficients)}",
-            key=f"{key} {name}",
             names=(name,),
         )
     unit = sensor.coefficient(name).unit

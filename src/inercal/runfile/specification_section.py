@@ -103,12 +103,8 @@ def _owners(
             if other is None or _rank(word, name) > _rank(other[0], name):
                 owners[name] = word, limits
             elif _rank(word, name) == _rank(other[0], name):
-                raise key_error(
-                    f"{_KEY} {word}",
-                    f"{other[0]} also limits {name}; keep only one of them",
-                    None,
-                    (name,),
-                )
+                text = f"{other[0]} also limits {name}; keep only one of them"
+                raise key_error(f"{_KEY} {word}", text, None, (name,))
     used = {word for word, _ in owners.values()}
     for word in stated:
         if word not in used:
@@ -130,11 +126,8 @@ def _limits_of_word(word: str, text: str | tuple[str, str], sensor: Sensor) -> d
         named = select_coefficients(sensor.axes, [word])
     names = [name for name in named if name in sensor.coefficients]
     if not names:
-        raise key_error(
-            key,
-            f"the method does not estimate it; it estimates {', '.join(sensor.coefficients)}",
-            names=(word,),
-        )
+        text = f"the method does not estimate it; it estimates {', '.join(sensor.coefficients)}"
+        raise key_error(key, text, names=(word,))
     found: dict[str, _Limits] = {}
     errors: list[InputError] = []
     for name in names:

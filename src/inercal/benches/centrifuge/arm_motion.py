@@ -36,7 +36,7 @@ from inercal.basics.arrays import Array
 from inercal.benches.arm import outward_and_up_directions
 from inercal.benches.contract import MeanMotion
 from inercal.physics.earth import EARTH_RATE
-from inercal.physics.frames import exp_so3, left_jacobian, skew
+from inercal.physics.frames import exp_so3, left_jacobian, skew, stack_components, transform
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Attitude, Spin
 
@@ -137,7 +137,7 @@ def _mean_azimuth_components(step: Spin, sense: int) -> tuple[float, float]:
 def _parameter_by_label(q: Mapping[str, Array], name: str, labels: Sequence[str]) -> Array:
     """Return a parameter for the steps or attitudes with these labels, (..., r); 0 if missing."""
     values = [q.get(f"{name}[{label}]", np.zeros(())) for label in labels]
-    return np.stack(np.broadcast_arrays(*values), axis=-1)
+    return stack_components(*values)
 
 
 def specific_force_norm(
@@ -187,15 +187,13 @@ def sensed_motion(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Ar
     named = attitude_names(steps)
     names = [named[step.attitude] for step in steps]
 
-    index = np.stack(
-        np.broadcast_arrays(*(_parameter_by_label(q, f"index_{a}", names) for a in "xyz")), axis=-1
-    )
-    mount = np.stack(np.broadcast_arrays(*(q.get(f"mount_{a}", zero) for a in "xyz")), axis=-1)
+    index = stack_components(*(_parameter_by_label(q, f"index_{a}", names) for a in "xyz"))
+    mount = stack_components(*(q.get(f"mount_{a}", zero) for a in "xyz"))
     outer = exp_so3(mount)[..., None, :, :]
     whole = outer @ exp_so3(index)
-    f = _rotate(whole, nominal)
+    f = transform(whole, nominal)
     turns = bench.platform == "locked"
-    along = _rotate(whole, np.broadcast_to(up, f.shape)) if turns else np.zeros_like(f)
+    along = transform(whole, np.broadcast_to(up, f.shape)) if turns else np.zeros_like(f)
     rate = arm.total_rate[..., None]
 
     def by_attitude(turned: Array, inner: Array) -> dict[str, Array]:
@@ -212,18 +210,18 @@ def sensed_motion(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Ar
 
     def derivatives() -> tuple[dict[str, Array], dict[str, Array]]:
         inner = exp_so3(index)
-        df = {"g": _rotate(whole, root * up - tilt * out)}
+        df = {"g": transform(whole, root * up - tilt * out)}
         df |= {
-            name: _rotate(whole, -slope[..., None] * out)
+            name: transform(whole, -slope[..., None] * out)
             for name, slope in arm.a_derivatives.items()
         }
-        by_tilt = _rotate(whole, -pull * (out + tilt / root * up))
+        by_tilt = transform(whole, -pull * (out + tilt / root * up))
         df |= {name: slope[..., None] * by_tilt for name, slope in arm.tilt_derivatives.items()}
-        df |= by_attitude(f, _rotate(inner, nominal))
+        df |= by_attitude(f, transform(inner, nominal))
         if not turns:
             return df, {}
         dw = {name: slope[..., None] * along for name, slope in arm.total_rate_derivatives.items()}
-        dw |= by_attitude(rate * along, rate * _rotate(inner, np.broadcast_to(up, f.shape)))
+        dw |= by_attitude(rate * along, rate * transform(inner, np.broadcast_to(up, f.shape)))
         return df, dw
 
     return MeanMotion.with_lazy_derivatives(Motion(f, rate * along), derivatives)
@@ -235,7 +233,3 @@ def attitude_names(steps: Sequence[Spin]) -> dict[Attitude | None, str]:
     for step in steps:
         named.setdefault(step.attitude, step.label)
     return named
-
-
-def _rotate(matrix: Array, vector: Array) -> Array:
-    return (matrix @ vector[..., None])[..., 0]

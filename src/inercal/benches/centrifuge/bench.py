@@ -99,7 +99,7 @@ class Centrifuge(NoReadingOffsets):
         # If the sensor is locked to the arm, the level earth rate averages to zero over whole
         # turns.
         level *= self.platform != "locked"
-        indexing = self.indexing or 0.0
+        sd = self.indexing or 0.0
         stated = (
             local_gravity(self.gravity),
             Parameter.from_measured("radius", "m", self.radius, "static radius"),
@@ -109,15 +109,7 @@ class Centrifuge(NoReadingOffsets):
             Parameter("level2", "rad/s", level, "run", 0.0, "earth rate, level"),
             *declared_parameters(self, "mounting"),
             *(
-                Parameter(
-                    f"index_{a}",
-                    "rad",
-                    indexing,
-                    "position",
-                    0.0,
-                    f"indexing about {a}",
-                    attitude=True,
-                )
+                Parameter(f"index_{a}", "rad", sd, "position", 0.0, f"indexing about {a}", "", True)
                 for a in "xyz"
             ),
             *declared_parameters(self, "dwell_rate", "dwell_tilt"),

@@ -1,22 +1,25 @@
-"""Register the precision centrifuge as a kind of bench.
+"""Register the precision centrifuge as a kind of bench, with its sections of the run file.
 
 Its worksheet lists the dwells at each rate, attitude by attitude.
 """
 
 from collections.abc import Sequence
 from math import degrees, pi
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from inercal.basics.units import Measured, format_duration
 from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.benches.centrifuge.settings import CentrifugeData, CentrifugeSection, build
 from inercal.benches.centrifuge.simulation import (
     arm_plan_duration,
     head_angles_of_attitude,
     simulate_arm_motion,
 )
+from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.kind_definition import Effect, Kind, simulate_without_sensor
 from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.benches.report_data import (
@@ -25,11 +28,107 @@ from inercal.benches.report_data import (
     describe_spin,
     measured_direction,
 )
+from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.plan import Spin, describe_direction
-from inercal.physics.section_settings import key_error
+from inercal.physics.section_settings import (
+    PLANNING,
+    BenchSection,
+    BenchUsage,
+    key_error,
+    positive_value,
+    section_constant,
+    section_deviation,
+    section_length,
+)
 from inercal.physics.sensors import G0
-from inercal.recordings.data import EstimatorInput, RunBase
+from inercal.recordings.data import DataSection, EstimatorInput, ReadbackColumn, RunBase, unit_size
 from inercal.recordings.data.recording_loader import readback_units
+
+
+@add_bench_keys(Centrifuge, after={"platform": "dwell_tilt"})
+class CentrifugeSection(BenchSection):
+    """Section [bench] for a precision centrifuge."""
+
+    kind: Literal["centrifuge"]
+    radius: str = Field(examples=["1 m ± 10 µm"])
+    platform: Literal["locked", "counter-rotating"] = "locked"
+    sense: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
+    indexing: str | None = Field(
+        None, description="angles of each attitude, if attitudes are known", examples=["0.02 °"]
+    )
+    max_acceleration: str = Field(
+        "3 rad/s²",
+        description="angular acceleration of the arm between its rates",
+        json_schema_extra=PLANNING,
+    )
+
+    def unused_keys(self, use: BenchUsage) -> dict[str, str]:
+        """Return the keys that have no effect on the result in this use, each with the reason."""
+        found: dict[str, str] = {}
+        if self.platform == "locked":
+            found["lean"] = (
+                "on a locked platform the spindle's tilt averages to zero over whole turns"
+            )
+        if self.indexing is None:
+            found["mounting"] = (
+                "without indexing only norms are used, and mounting does not affect them"
+            )
+        if self.latitude is None and self.platform == "locked" and self.indexing is None:
+            found["sense"] = "without latitude the sense of the earth's rate is not used"
+        return found
+
+
+class CentrifugeData(DataSection):
+    """Section [data] for a precision centrifuge, in which each row is a dwell of the arm."""
+
+    arm_rate: str | int = Field(description="column of the arm's rate", examples=["rate"])
+    arm_rate_unit: str = Field(
+        "rpm", description="unit of the rate, or its size such as '0.5 rev/s'"
+    )
+    attitude: tuple[str | int, str | int] | None = Field(
+        None, description="for means: columns of ψ and θ", examples=[["psi", "theta"]]
+    )
+    attitude_unit: str = "°"
+
+    def readback(self, bench: Centrifuge) -> tuple[ReadbackColumn, ...]:
+        """Return the columns with the rate of the arm and the attitudes."""
+        rate = unit_size(self.arm_rate_unit, "rad/s", "arm_rate_unit")
+        found = (ReadbackColumn("arm_rate", str(self.arm_rate), rate),)
+        if self.attitude is None:
+            return found
+        angle = unit_size(self.attitude_unit, "°", "attitude_unit")
+        psi, theta = map(str, self.attitude)
+        return (*found, ReadbackColumn("psi", psi, angle), ReadbackColumn("theta", theta, angle))
+
+
+def build(section: CentrifugeSection, folder: Path) -> Centrifuge:
+    """Build the bench in SI from its section; the files that it names are in `folder`."""
+    latitude = None
+    if section.latitude is not None:
+        latitude = section_constant(section, "latitude", "°")
+        earth_rate_up_north(latitude.value)  # refuses an impossible latitude
+    acceleration = positive_value(section.max_acceleration, "rad/s²", "[bench] max_acceleration")
+    return build_bench(
+        Centrifuge,
+        section,
+        radius=section_length(section, "radius"),
+        latitude=latitude,
+        platform=section.platform,
+        indexing=None if section.indexing is None else section_deviation(section, "indexing", "°"),
+        sense=1 if section.sense == "counter-clockwise" else -1,
+        acceleration=acceleration,
+    )
+
+
+def require_locked_platform(run: RunBase[CentrifugeData]) -> None:
+    """Refuse a counter-rotating platform for a table of means."""
+    if run.bench.platform != "locked":
+        raise key_error(
+            "[bench] platform",
+            f"{run.bench.platform!r} needs a recording instead of a table of means: over a dwell "
+            "the mean of the arm's acceleration is zero",
+            run.path,
+        )
 
 
 def sheet(run: RunBase[CentrifugeData]) -> Sheet:
@@ -41,44 +140,28 @@ def sheet(run: RunBase[CentrifugeData]) -> Sheet:
         The run file states no plan, or the platform turns against the arm.
     """
     data, bench = run.data, run.bench
-    if bench.platform != "locked":
-        raise key_error(
-            "[bench] platform",
-            f"{bench.platform!r} needs a recording instead of a table of means: over a dwell the "
-            "mean of the arm's acceleration is zero",
-            run.path,
-        )
+    require_locked_platform(run)
     if not run.has_plan_keys:
-        raise key_error(
-            "[method] rates",
-            'is missing: state the rates of the arm, such as rates = ["60 rpm", "120 rpm"]',
-            run.path,
-        )
+        text = 'is missing: state the rates of the arm, such as rates = ["60 rpm", "120 rpm"]'
+        raise key_error("[method] rates", text, run.path)
     steps, sizes = _by_attitude(run), readback_units(run)
     positions = attitude_names(steps)
     names = {step.label: positions[step.attitude].removesuffix("_r1") for step in steps}
     stated = {name: np.array(p.value) for name, p in bench.acting_parameters(steps).items()}
     rows: list[SheetRow] = []
-    for k, (step, f) in enumerate(
-        zip(steps, sensed_motion(bench, steps, stated).f, strict=True), start=1
-    ):
+    sensed = sensed_motion(bench, steps, stated).f
+    for k, (step, f) in enumerate(zip(steps, sensed, strict=True), start=1):
         assert step.attitude is not None
         name, rpm = names[step.label], step.rate * 30 / pi
         angles = head_angles_of_attitude(step)
         out, up = (describe_direction(one) for one in (step.attitude.out, step.attitude.up))
         reads = [f"{x + 0.0:+.3f}".replace("-", "−") for x in np.asarray(f / G0).round(3).tolist()]
         head = [f"{round(angle / sizes[key], 9) + 0.0:.12g}" for key, angle in _head(data, angles)]
-        given = [name] * (data.label is not None) + head
-        rows.append(
-            SheetRow(
-                step.label,
-                (str(k), name, *head, out, up, f"{rpm:.6g}", f"{step.seconds:.6g} s", *reads),
-                step.seconds,
-                name,
-                (*given, f"{step.rate / sizes['arm_rate']:.12g}"),
-                {"position": name, "out": out, "up": up, "rpm": rpm, "felt": f.tolist()},
-            )
-        )
+        cells = (str(k), name, *head, out, up, f"{rpm:.6g}", f"{step.seconds:.6g} s", *reads)
+        labelled = [name] * (data.label is not None)
+        given = (*labelled, *head, f"{step.rate / sizes['arm_rate']:.12g}")
+        facts = {"position": name, "out": out, "up": up, "rpm": rpm, "felt": f.tolist()}
+        rows.append(SheetRow(step.label, cells, step.seconds, name, given, facts))
     duration = arm_plan_duration(bench, steps)
     head_units = [f"{name}, {data.attitude_unit}" for name in ("ψ", "θ")]
     return Sheet(

@@ -12,13 +12,13 @@ from math import pi
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_quantity
 from inercal.benches.arm import fitting_arm_unit
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.benches.centrifuge.settings import CentrifugeData
-from inercal.benches.column_orders import signed_permutations
+from inercal.benches.centrifuge.kind import CentrifugeData, require_locked_platform
+from inercal.benches.stated_axes import signed_permutations
 from inercal.physics.plan import Spin, arm_attitude
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Finding, Recording
@@ -176,32 +176,27 @@ def observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
     """
     bench: Centrifuge = run.bench
     arms = any(".arm_" in name for name in run.sensor.coefficients)
-    if arms and bench.platform != "locked":
-        raise key_error(
-            "[method] also",
-            "no lever arm acts on a counter-rotating platform; remove arm",
-            run.path,
-        )
-    if run.data.seconds is not None:
-        raise key_error(
-            "[data] seconds",
-            "a dwell lasts whole turns of the arm, which fix its duration; remove the key",
-            run.path,
-        )
     known = bench.indexing is not None or arms
-    if known and run.data.attitude is None:
-        raise key_error(
-            "[data] attitude",
-            "is missing: lever arms and [bench] indexing need the attitude; name the columns of ψ "
-            "and θ",
-            run.path,
-        )
-    if bench.indexing is not None and bench.platform != "locked":
-        raise key_error(
-            "[bench] indexing",
-            "a counter-rotating platform uses only norms; remove the key",
-            run.path,
-        )
+    with error_location(run.path):
+        if arms and bench.platform != "locked":
+            raise key_error(
+                "[method] also", "no lever arm acts on a counter-rotating platform; remove arm"
+            )
+        if run.data.seconds is not None:
+            raise key_error(
+                "[data] seconds",
+                "a dwell lasts whole turns of the arm, which fix its duration; remove the key",
+            )
+        if known and run.data.attitude is None:
+            raise key_error(
+                "[data] attitude",
+                "is missing: lever arms and [bench] indexing need the attitude; name the columns "
+                "of ψ and θ",
+            )
+        if bench.indexing is not None and bench.platform != "locked":
+            raise key_error(
+                "[bench] indexing", "a counter-rotating platform uses only norms; remove the key"
+            )
     result = _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
     refusal = norm_refusal(run, bench, result)
     if known and bench.platform == "locked":
@@ -213,13 +208,7 @@ def observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
 
 
 def _table(run: RunBase[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
-    if bench.platform != "locked":
-        raise key_error(
-            "[bench] platform",
-            f"{bench.platform!r} needs a recording instead of a table of means: over a dwell the "
-            "mean of the arm's acceleration is zero",
-            run.path,
-        )
+    require_locked_platform(run)
     named, units = recording_loader.readback_columns(run), recording_loader.readback_units(run)
     wanted = recording_loader.reader_columns(run)
     path = run.file(run.data.file)

@@ -18,7 +18,7 @@ from inercal.benches.arm import outward_and_up_directions
 from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.contract import SimulatedMotion, concatenate_motions
-from inercal.physics.frames import exp_so3
+from inercal.physics.frames import exp_so3, transform
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Spin
 
@@ -159,4 +159,4 @@ def _sensed_motion(
         return Motion(f, w)
     # The body keeps its attitude while the arm turns, so vectors rotate about `up`.
     back = exp_so3((body @ up)[:, None] * azimuth[:, None])
-    return Motion((back @ f[..., None])[..., 0], np.zeros_like(f))
+    return Motion(transform(back, f), np.zeros_like(f))

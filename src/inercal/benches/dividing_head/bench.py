@@ -36,8 +36,12 @@ from inercal.basics.errors import InputError
 from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
 from inercal.basics.units import Measured
 from inercal.benches.contract import MeanMotion, require_possible_values
-from inercal.benches.dividing_head.head_angles import angle_weights, sensor_angles
-from inercal.benches.dividing_head.passes import drift_ramps, pass_names
+from inercal.benches.dividing_head.passes import (
+    angle_weights,
+    drift_ramps,
+    pass_names,
+    sensor_angles,
+)
 from inercal.benches.key_declarations import (
     declarations,
     declared_parameters,
@@ -46,7 +50,7 @@ from inercal.benches.key_declarations import (
 )
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Index
-from inercal.physics.section_settings import Limit
+from inercal.physics.section_settings import Limit, key_error
 from inercal.physics.sensors import Axis, Noise, Readout, Sensor, axes_along
 
 CollimationMode = Literal["pairs", "every", "none"]
@@ -64,7 +68,7 @@ def position_plan(n: int = 12, *, reverse: bool = False, seconds: float = 0.0) -
         The number of positions is less than one.
     """
     if n < 1:
-        raise InputError(f"n is {n}; a plan needs at least one position", key="n")
+        raise key_error("n", f"is {n}; a plan needs at least one position")
     angles = [2 * pi * k / n for k in range(n)]
     forward = tuple(
         Index(f"f{k:02d}", angle, seconds=seconds) for k, angle in enumerate(angles, start=1)
@@ -91,9 +95,7 @@ def mounted_sensor(
         The number of axes is neither one nor two.
     """
     if not 1 <= len(axes) <= len("xy"):
-        raise InputError(
-            f"axes has {len(axes)} accelerometers; the fixture holds one or two", key="axes"
-        )
+        raise key_error("axes", f"has {len(axes)} accelerometers; the fixture holds one or two")
     along = axes_along("xy"[: len(axes)], "f", "", readout, noise)
     named = [replace(axis, name=own) for axis, own in zip(along, axes, strict=True)]
     return sensor_in_plane(name, named)
@@ -210,7 +212,7 @@ class DividingHead:
         g = self.gravity
         # A lean λ reduces the sensed gravity by g λ²/2, whose mean square is 3/4 (g sd²)².
         shortened = sqrt(0.75) * g.value * self.lean**2
-        pair = sqrt(2) * self.autocollimator
+        read = self.autocollimator
         waves = [
             Parameter(f"{wave}{h}", "rad", sd, "run", 0.0, f"head, {words} of harmonic {h}")
             for h, sd in enumerate(self.harmonics, start=1)
@@ -220,15 +222,8 @@ class DividingHead:
             replace(local_gravity(g), sd=hypot(g.sd, shortened)),
             *waves,
             *declared_parameters(self, "base", "lean", "division"),
-            Parameter("trim", "rad", pair, "position", 0.0, "trimmed angle of a pair"),
-            Parameter(
-                "face",
-                "rad",
-                self.autocollimator,
-                "position",
-                0.0,
-                "autocollimator reading on a face",
-            ),
+            Parameter("trim", "rad", sqrt(2) * read, "position", 0.0, "trimmed angle of a pair"),
+            Parameter("face", "rad", read, "position", 0.0, "autocollimator reading on a face"),
             *declared_parameters(self, "certificate", "pier", "backlash", "creep", "drift"),
         )
         return self.qualified.apply(stated, corrected=True)
@@ -343,3 +338,54 @@ def sensed_motion(
     by = {"g": unit, "lean": g[..., None] * leaning}
     by |= {name: weight[:, None] * turned for name, weight in weights.items()}
     return MeanMotion(Motion(g[..., None] * unit), by)
+
+
+def bench_covariance(
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+    c: Array | None = None,
+    *,
+    gravity: bool = True,
+) -> Array:
+    """Return the covariance of all readings due to the bench's angles and gravity.
+
+    The matrix is (m r, m r) in (m/s²)², ordered row by row like `Observations.full_covariance`.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    bench : DividingHead
+    steps : sequence of r Index
+    c : (p,) array, optional
+        Coefficients of the sensor; None means a nominal sensor.
+    gravity : bool
+        Whether the uncertainty of gravity is included.
+    """
+    declared = bench.acting_parameters(steps)
+    columns = [
+        declared[name].sd * column
+        for name, column in reading_sensitivities(sensor, bench, steps, c).items()
+        if gravity or name != "g"
+    ]
+    size = len(sensor.channels) * len(steps)
+    return sum((np.outer(column, column) for column in columns), np.zeros((size, size)))
+
+
+def reading_sensitivities(
+    sensor: Sensor, bench: DividingHead, steps: Sequence[Index], c: Array | None = None
+) -> dict[str, Array]:
+    """Return the readings' derivatives, (m r,), with respect to each parameter that is not exact.
+
+    The arguments are the same as for `bench_covariance`. To get the derivative of an estimate with
+    respect to a stated value of the bench, multiply its derivative with respect to the readings by
+    this one, and change the sign.
+    """
+    result = sensed_motion(bench, steps, {})
+    c = np.zeros(len(sensor.coefficients)) if c is None else c
+    slope = sensor.slope(Motion(result.f), c)[..., :3]
+    return {
+        name: (slope @ result.df[name][..., None]).ravel()
+        for name, q in bench.acting_parameters(steps).items()
+        if q.sd > 0
+    }

@@ -6,8 +6,7 @@ from math import pi
 import numpy as np
 
 from inercal.basics.units import format_quantity
-from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
-from inercal.benches.dividing_head.covariance import bench_covariance
+from inercal.benches.dividing_head.bench import DividingHead, bench_covariance, sensed_motion
 from inercal.benches.dividing_head.passes import (
     CARDINAL_ANGLES,
     first_visit_rows,
@@ -53,7 +52,6 @@ def require_usable_readings(
             f'is "none", but {run.data.autocollimator} has readings at {len(read)} of {len(steps)} '
             f'positions; state "{mode}", or remove [data] autocollimator if they are not to be '
             "used",
-            run.path,
         )
     for key, name in (("level", "level"), ("autocollimator", "reading")):
         values = [getattr(step, name) for step in steps]
@@ -63,8 +61,7 @@ def require_usable_readings(
                 f"[data] {key}",
                 f"the reading at {steps[worst].label} is {values[worst] * 180 / pi * 60:.3g}′, "
                 f"beyond the range of the instrument (10′); check {key}_unit",
-                run.path,
-                (steps[worst].label,),
+                names=(steps[worst].label,),
             )
 
 
@@ -97,16 +94,14 @@ def require_phases(
                 f"{most[0]:.0f}° and {given[1]} at {most[1]:.0f}°, but the first must read most at "
                 f'{wanted[0]:.0f}° and the other at {wanted[1]:.0f}°; write ["{given[1]}", '
                 f'"{given[0]}"]',
-                run.path,
-                (given[0], given[1]),
+                names=(given[0], given[1]),
             )
         k = int(np.argmax(off))
         raise key_error(
             key,
             f"{given[k]} reads most at {most[k]:.0f}°, but must read most at {wanted[k]:.0f}°; "
             "correct the sign of the head's angle, or the mounting" + run.sensor.negative_scales,
-            run.path,
-            (given[k],),
+            names=(given[k],),
         )
     swing = np.hypot(sine, cosine) / G0
     if not ((swing > _SWING[0]) & (swing < _SWING[1])).all():
@@ -115,8 +110,7 @@ def require_phases(
             key,
             f"the amplitude of {given[k]} in the field of gravity is {swing[k]:.3g} g, not 1 g; "
             "check the unit and the scale in [sensor.accelerometer]",
-            run.path,
-            (given[k],),
+            names=(given[k],),
         )
 
 
@@ -181,16 +175,12 @@ def repeat_visit_warnings(
         rows = zip(couples, change.tolist(), usual.tolist(), beyond.tolist(), strict=True)
         for (j, k), size, limit, alone in rows:
             if alone:
-                found.append(
-                    Finding(
-                        "warning",
-                        "passes",
-                        f"{channel} differs by {_format_in_g(size)} between {steps[j].label} and "
-                        f"{steps[k].label}, which are the same position; differences at other "
-                        f"positions are about {_format_in_g(limit)}; check these two rows",
-                        channel,
-                    )
+                text = (
+                    f"{channel} differs by {_format_in_g(size)} between {steps[j].label} and "
+                    f"{steps[k].label}, which are the same position; differences at other "
+                    f"positions are about {_format_in_g(limit)}; check these two rows"
                 )
+                found.append(Finding("warning", "passes", text, channel))
     return tuple(found)
 
 

@@ -19,8 +19,12 @@ from inercal.benches.dividing_head.bench import (
     sensed_motion,
     sensor_in_plane,
 )
-from inercal.benches.dividing_head.head_angles import sensor_angles
-from inercal.benches.dividing_head.passes import pass_names, pass_numbers, steps_without_warm_up
+from inercal.benches.dividing_head.passes import (
+    pass_names,
+    pass_numbers,
+    sensor_angles,
+    steps_without_warm_up,
+)
 from inercal.benches.dividing_head.settings import DividingHeadData, DividingHeadSection, build
 from inercal.benches.dividing_head.sheet import sheet
 from inercal.benches.kind_definition import Kind, Vocabulary

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_count, format_quantity, si_factor
 from inercal.benches.characteristics import BAND_NOTE, characteristic_notes, rows_of_bands
 from inercal.benches.dividing_head import passes
@@ -41,15 +41,13 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     """
     bench: DividingHead = run.bench
     if run.data.seconds is not None:
-        raise key_error(
-            "[data] seconds",
-            "a dividing head is at rest during a reading; remove the key",
-            run.path,
-        )
+        text = "a dividing head is at rest during a reading; remove the key"
+        raise key_error("[data] seconds", text, run.path)
     recording_loader.require_distinct_columns(run)
     result = _table(run, bench) if run.data.kind == "means" else _recording(run)
     steps = [step for step in result.steps if isinstance(step, Index)]
-    require_usable_readings(run, bench, steps)
+    with error_location(run.path):
+        require_usable_readings(run, bench, steps)
     stated = run.data.warm_up_band
     band = None if stated is None else positive_value(stated, "g", "[data] warm_up_band")
     found = head_characteristics(result.observations, run.sensor, bench, steps, band)
@@ -57,7 +55,8 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     result = replace(result.rows(range(warm, len(steps))), characteristics=found)
     steps = steps[warm:]
     findings = result.findings + _missing_trim_positions(run, bench, steps)
-    require_phases(run, result.observations, steps)
+    with error_location(run.path):
+        require_phases(run, result.observations, steps)
     shown = passes.small_tilt_series([step.angle for step in steps]) or warm
     shown = shown or any(one.figure.detected for one in found)
     notes = characteristic_notes(found) if shown else ()
@@ -123,11 +122,8 @@ def _require_filled(run: RunBase[DividingHeadData], table: Table) -> None:
     read = [table.columns[name] for name in names]
     if all(column.dtype.kind == "f" and not np.isfinite(column).any() for column in read):
         path = run.file(run.data.file)
-        raise InputError(
-            f"{path}: columns {', '.join(names)} are empty; fill in the sheet",
-            file=path,
-            names=tuple(names),
-        )
+        text = f"{path}: columns {', '.join(names)} are empty; fill in the sheet"
+        raise InputError(text, file=path, names=tuple(names))
 
 
 def _require_unit(run: RunBase[DividingHeadData], angle: Array) -> None:

@@ -2,7 +2,7 @@
 
 If the autocollimator is read in pairs, the operator trims the head at 180° until it gives the same
 reading as at 0°, and at 270° the same as at 90°. The readings are used as they are. The certificate
-of the faces is applied afterwards, in `inercal.benches.dividing_head.head_angles.sensor_angles`, so
+of the faces is applied afterwards, in `inercal.benches.dividing_head.passes.sensor_angles`, so
 that nobody applies it at the head, or twice.
 
 On the way back, 180° is reached before 0°. In that pass, 180° is therefore trimmed to the reading
@@ -13,7 +13,6 @@ mark.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import degrees, pi
 
 from inercal.basics.errors import InputError, error_location
@@ -44,31 +43,24 @@ def sheet(run: RunBase[DividingHeadData]) -> Sheet:
     collimated, label = bench.collimated != "none", data.label is not None
     unit, levelled = readback_units(run)["angle"], data.level is not None
     with error_location(run.path):
-        planned = operator_rows(bench, steps, recorded=data.autocollimator is not None)
+        tasks = autocollimator_tasks(bench, steps, recorded=data.autocollimator is not None)
     idle = frozenset({len(data.accelerometer)}) if collimated else frozenset[int]()
-    first = {row.in_pass: row.sense for row in reversed(planned)}
+    first: dict[int, str] = {}
     result: list[SheetRow] = []
-    for row in planned:
-        step = row.step
-        cells = [str(row.number), step.label, row.angle, f"{row.in_pass}, {row.sense}"]
-        cells += [row.autocollimator] * collimated + ["read"] * levelled
-        result.append(
-            SheetRow(
-                step.label,
-                (*cells, f"{step.seconds:g} s" if step.seconds else ""),
-                step.seconds,
-                f"pass {row.in_pass}, {first[row.in_pass]}",
-                (*[step.label] * label, f"{step.angle / unit:.12g}"),
-                {
-                    "what": step.describe(),
-                    "angle_deg": degrees(step.angle),
-                    "sense": row.sense,
-                    "pass": row.in_pass,
-                    "autocollimator": row.autocollimator,
-                },
-                frozenset() if row.autocollimator else idle,
-            )
-        )
+    rows = zip(steps, passes.pass_numbers(steps), tasks, strict=True)
+    for number, (step, which, task) in enumerate(rows, start=1):
+        in_pass, sense = which + 1, "forward" if step.sense > 0 else "reverse"
+        begun = first.setdefault(in_pass, sense)
+        cells = [str(number), step.label, format_sexagesimal(step.angle), f"{in_pass}, {sense}"]
+        cells += [task] * collimated + ["read"] * levelled
+        cells.append(f"{step.seconds:g} s" if step.seconds else "")
+        group = f"pass {in_pass}, {begun}"
+        given = (*[step.label] * label, f"{step.angle / unit:.12g}")
+        facts = {"what": step.describe(), "angle_deg": degrees(step.angle)}
+        facts |= {"sense": sense, "pass": in_pass, "autocollimator": task}
+        unused = frozenset[int]() if task else idle
+        row = SheetRow(step.label, tuple(cells), step.seconds, group, given, facts, unused)
+        result.append(row)
     seconds = sum(step.seconds for step in steps)
     columns = (data.angle, *data.accelerometer, data.autocollimator, data.level, data.time)
     return Sheet(
@@ -115,41 +107,8 @@ def _entry_fields(
     return tuple(found)
 
 
-@dataclass(frozen=True)
-class OperatorRow:
-    """A position and the operator's task there.
-
-    Parameters
-    ----------
-    number : int
-        Number of the position, counted from 1.
-    step : Index
-    in_pass : int
-        Number of the pass, counted from 1.
-    autocollimator : str
-        Instruction for the autocollimator; empty if it is not used at this position.
-    """
-
-    number: int
-    step: Index
-    in_pass: int
-    autocollimator: str
-
-    @property
-    def sense(self) -> str:
-        """Sense of rotation during the pass, in words."""
-        return "forward" if self.step.sense > 0 else "reverse"
-
-    @property
-    def angle(self) -> str:
-        """Angle to which the operator sets the head, as text."""
-        return format_sexagesimal(self.step.angle)
-
-
-def operator_rows(
-    bench: DividingHead, steps: Sequence[Index], recorded: bool
-) -> tuple[OperatorRow, ...]:
-    """Return the operator's task at each position.
+def autocollimator_tasks(bench: DividingHead, steps: Sequence[Index], recorded: bool) -> list[str]:
+    """Return the operator's task with the autocollimator at each position; empty for none.
 
     Parameters
     ----------
@@ -181,10 +140,7 @@ def operator_rows(
         where = format_sexagesimal(mark.angle) + f" in pass {which[mark.label] + 1}" * elsewhere
         return f"trim the head until it reads as at {where}" + ", and write down" * recorded
 
-    return tuple(
-        OperatorRow(k, step, which[step.label] + 1, act(step))
-        for k, step in enumerate(steps, start=1)
-    )
+    return [act(step) for step in steps]
 
 
 def format_sexagesimal(angle: float) -> str:

@@ -37,6 +37,7 @@ from inercal.basics.units import Measured
 from inercal.benches.contract import MeanMotion, NoReadingOffsets, stack_derivatives
 from inercal.benches.key_declarations import declared_parameters, deviation
 from inercal.physics.earth import EARTH_RATE, earth_rate_up_north
+from inercal.physics.frames import stack_components
 from inercal.physics.motion import Motion
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.section_settings import Limit
@@ -334,8 +335,7 @@ def _step_motion(step: HandStep, q: Mapping[str, Array]) -> MeanMotion:
 
 def _parameter_pair(q: Mapping[str, Array], name: str, label: str) -> Array:
     zero = np.zeros(())
-    pair = [q.get(f"{name}{k}[{label}]", zero) for k in (1, 2)]
-    return np.stack(np.broadcast_arrays(*pair), axis=-1)
+    return stack_components(*(q.get(f"{name}{k}[{label}]", zero) for k in (1, 2)))
 
 
 def _lean_names(q: Mapping[str, Array], label: str) -> list[str]:
@@ -381,7 +381,7 @@ def _own_bias(
     if names[0] not in q:
         return np.zeros(3)
     dw |= {n: np.broadcast_to(row, shape) for n, row in zip(names, np.eye(3), strict=True)}
-    return np.stack(np.broadcast_arrays(*(q[name] for name in names)), axis=-1)
+    return stack_components(*(q[name] for name in names))
 
 
 def _turn_motion(step: Turn, duration: float, q: Mapping[str, Array]) -> MeanMotion:
@@ -390,7 +390,7 @@ def _turn_motion(step: Turn, duration: float, q: Mapping[str, Array]) -> MeanMot
     n, dn = tilted_direction(step.axis, _parameter_pair(q, "axis", label))
     clock = 1 + q.get("timebase", zero)[..., None]
     rate = (step.angle + q.get(f"angle[{label}]", zero))[..., None] / (duration * clock)
-    force = np.stack(np.broadcast_arrays(*(q[f"force_{a}[{label}]"] for a in "xyz")), axis=-1)
+    force = stack_components(*(q[f"force_{a}[{label}]"] for a in "xyz"))
     g = q["g"][..., None]
     up_rate = q.get("earth_up", zero)[..., None]
     df = {

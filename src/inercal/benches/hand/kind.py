@@ -51,17 +51,14 @@ def sheet(run: RunBase[RestsSection]) -> Sheet:
     steps: list[HandStep] = [step for step in run.steps if isinstance(step, Hold | Turn)]
     if run.magnetometer is not None and not run.method.unknown_attitudes:
         steps = with_second_azimuths(steps)
-    rows = tuple(
-        SheetRow(
-            step.label,
-            (str(k), step.label, _words(step), f"{step.seconds:g} s"),
-            step.seconds,
-            "turns" if isinstance(step, Turn) else "holds",
-            (step.label, *_stated_duration(step, data)),
-            {"what": _words(step)},
-        )
-        for k, step in enumerate(steps, start=1)
-    )
+    rows: list[SheetRow] = []
+    for k, step in enumerate(steps, start=1):
+        words, turning = step.describe().replace("-", "−"), isinstance(step, Turn)
+        cells = (str(k), step.label, words, f"{step.seconds:g} s")
+        timed = data.seconds is not None and not turning
+        given = (step.label, *[f"{step.seconds:.12g}"] * timed)
+        group, facts = "turns" if turning else "holds", {"what": words}
+        rows.append(SheetRow(step.label, cells, step.seconds, group, given, facts))
     turns = sum(isinstance(step, Turn) for step in steps)
     kinds = f"{len(steps) - turns} positions" + f" and {turns} turns" * bool(turns)
     gyro = data.gyro if run.sensor.select_axes("w").axes else ()
@@ -69,22 +66,12 @@ def sheet(run: RunBase[RestsSection]) -> Sheet:
     return Sheet(
         f"{kinds}, {sum(step.seconds for step in steps):.0f} s in all",
         (ROW, Heading("label"), Heading("set to"), DURATION),
-        rows,
+        tuple(rows),
         _operator_notes(run, turns=bool(turns)),
         (data.label, data.seconds, *data.accelerometer, *gyro, *field),
         units={} if data.seconds is None else {str(data.seconds): "s"},
         table_error=_table_error(run, turns=bool(turns)),
     )
-
-
-def _words(step: HandStep) -> str:
-    return step.describe().replace("-", "−")
-
-
-def _stated_duration(step: HandStep, data: RestsSection) -> tuple[str, ...]:
-    if data.seconds is None or isinstance(step, Turn):
-        return ()
-    return (f"{step.seconds:.12g}",)
 
 
 def _operator_notes(run: RunBase[RestsSection], *, turns: bool) -> tuple[str, ...]:

@@ -12,13 +12,7 @@ from inercal.physics.plan import HandStep, Hold
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import output_unit
 from inercal.recordings import Finding, Mark, Observations, Recording
-from inercal.recordings.data import RestsSection, RunBase
-from inercal.recordings.data.recording_loader import (
-    load_magnetometers,
-    of_magnetometers,
-    reader_columns,
-    stated_deviations,
-)
+from inercal.recordings.data import RestsSection, RunBase, recording_loader
 from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.mean_tables import read_means
 from inercal.recordings.magnetic import MagneticReadings
@@ -61,7 +55,7 @@ def with_magnetometers(
     if recording is None:
         found, findings = _means_in_table(run, steps), tuple[Finding, ...]()
     else:
-        own = load_magnetometers(run)
+        own = recording_loader.load_magnetometers(run)
         if is_pattern(run.file(run.data.file)) and own.time.size != recording.time.size:
             raise key_error(
                 "[data] nonfinite",
@@ -85,13 +79,13 @@ def with_magnetometers(
 
 
 def _means_in_table(run: RunBase[RestsSection], steps: Sequence[HandStep]) -> MagneticReadings:
-    own = of_magnetometers(run)
+    own = recording_loader.of_magnetometers(run)
     rows = np.flatnonzero([isinstance(step, Hold) for step in steps])
     read = read_means(
         run.file(run.data.file),
-        replace(reader_columns(own), label=None),
+        replace(recording_loader.reader_columns(own), label=None),
         own.sensor,
-        stated_deviations(run),
+        recording_loader.stated_deviations(run),
         None,
     )
     t = read.temperature

@@ -45,17 +45,11 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
         on it, or the audit refuses it.
     """
     if run.data.kind == "means":
-        raise key_error(
-            "[data] kind",
-            f"method {run.method.name} needs every sample; give the recording",
-            run.path,
-        )
+        text = f"method {run.method.name} needs every sample; give the recording"
+        raise key_error("[data] kind", text, run.path)
     if run.data.marks != "found":
-        raise key_error(
-            "[data] marks",
-            f"method {run.method.name} follows the whole recording; remove marks",
-            run.path,
-        )
+        text = f"method {run.method.name} follows the whole recording; remove marks"
+        raise key_error("[data] marks", text, run.path)
     recording, sensor = recording_loader.load_recording(run), run.sensor
     if recording.temperature is None and run.whole_sensor.uses("dT"):
         raise key_error(
@@ -66,13 +60,8 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
     columns = [recording.channels.index(name) for name in sensor.channels]
     reading = sensor.to_si(recording.data[:, columns])
     n = len(reading)
-    track = Track(
-        recording.time,
-        reading,
-        np.zeros((n, 0)),
-        np.zeros(n, dtype=np.int64),
-        recording.temperature,
-    )
+    hold = np.zeros(n, dtype=np.int64)
+    track = Track(recording.time, reading, np.zeros((n, 0)), hold, recording.temperature)
     first, *others = nominal_plan(run)
     step = replace(first, label="motion") if others else first
     findings, magnetic = recording.findings, None
@@ -130,15 +119,14 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
         observations = _with_planned_names(run, observations)
         steps = _planned_steps(run, observations)
         plan = _plan_with_visits(run, steps)
-    if recording is None and sensor.select_axes("f").axes:
-        at_rest = [isinstance(step, Hold) for step in steps]
-        odd = rest_mean_finding(observations.mean[at_rest], sensor, bench.gravity.value)
+    forces = bool(sensor.select_axes("f").axes)
+    means = observations.mean[[isinstance(step, Hold) for step in steps]]
+    if recording is None and forces:
+        odd = rest_mean_finding(means, sensor, bench.gravity.value)
         findings += recording_loader.require_not_refused(run.data.file, odd)
     if not run.method.unknown_attitudes:
         findings += segments.check_against_plan(observations, sensor, steps, bench.gravity.value)
-    if sensor.select_axes("f").axes:
-        at_rest = [isinstance(step, Hold) for step in steps]
-        means = observations.mean[at_rest]
+    if forces:
         findings = explain_norm(findings, means, sensor, bench.gravity.value)
     if run.magnetometer is not None:
         ordered = sorted(marks, key=lambda mark: mark.start)
@@ -320,11 +308,8 @@ def _planned_steps(run: RunBase[RestsSection], observations: Observations) -> tu
         what = f"the plan has no step {unknown[0]!r}"
         if run.data.row is None:
             what = "gravity does not show which face is up in each row, and no column names it"
-        raise InputError(
-            f"{run.data.file}: {what}; the plan's steps are {planned}",
-            file=run.file(run.data.file),
-            names=(unknown[0],),
-        )
+        text = f"{run.data.file}: {what}; the plan's steps are {planned}"
+        raise InputError(text, file=run.file(run.data.file), names=(unknown[0],))
     return tuple(by_label[label] for label in observations.labels)
 
 

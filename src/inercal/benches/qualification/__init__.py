@@ -1,7 +1,7 @@
 """Bench qualification: values of a bench's parameters from separate measurements.
 
 `qualify` estimates the parameters with their covariance. The result is a file
-(`qualification_file`), which a run file can name under [bench] qualification in place of typed
+(`result.save`), which a run file can name under [bench] qualification in place of typed
 numbers (`bench_keys`).
 """
 

@@ -18,18 +18,12 @@ from inercal.basics.keys import ErrorName
 from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters
 from inercal.benches.key_declarations import KeyDeclaration, declarations
 from inercal.benches.kind_definition import Kind
-from inercal.benches.qualification.result import Qualification, QualifiedParameter
+from inercal.benches.qualification.result import Qualification, QualifiedParameter, load
+from inercal.physics.section_settings import key_error
 
 KEY = "[bench] qualification"
 # Keys of parameters that no field declares, by parameter name without number and axis.
-_BY_HAND = {
-    "g": "gravity",
-    "sin": "harmonics",
-    "cos": "harmonics",
-    "index": "indexing",
-    "pose": "pose",
-    "mounting": "mounting",
-}
+_BY_HAND = {"g": "gravity", "sin": "harmonics", "cos": "harmonics", "index": "indexing"}
 _CONSTANTS = {"gravity", "radius", "azimuth", "latitude", "stretch", "latency"}
 _NOT_POSSIBLE = {"lever", "clock"}  # on a turntable: only simulated, or estimated in each run
 
@@ -77,8 +71,6 @@ def read_qualifications(named: object, folder: Path) -> UsedQualifications:
     files = [text for text in cast(Sequence[object], texts) if isinstance(text, str)]
     if len(files) != len(cast(Sequence[object], texts)):
         return UsedQualifications()
-    from inercal.benches.qualification.qualification_file import load
-
     each: list[Qualification] = []
     for text in files:
         try:
@@ -87,9 +79,9 @@ def read_qualifications(named: object, folder: Path) -> UsedQualifications:
             # The error is in the run file, so it must not name the qualification as its `file`.
             raise InputError(f"{KEY}: {error}", key=KEY, names=(text,)) from None
         if each[-1].withdrawn:
-            raise InputError(
-                f"{KEY}: {text} was withdrawn, {each[-1].withdrawn}: qualify the bench again",
-                key=KEY,
+            raise key_error(
+                KEY,
+                f"{text} was withdrawn, {each[-1].withdrawn}: qualify the bench again",
                 names=(text,),
             )
     return UsedQualifications(tuple(files), tuple(each), _join(each, files))
@@ -102,29 +94,27 @@ def _join(each: Sequence[Qualification], files: Sequence[str]) -> QualifiedParam
         for one in each[k].parameters:
             other = owner.setdefault(one.name, (k, one))
             if other[1].determination != one.determination:
-                raise InputError(
-                    f"{KEY}: {one.name} is in {files[other[0]]} and in {files[k]}, from "
-                    "different determinations; name only one of them",
-                    key=KEY,
+                raise key_error(
+                    KEY,
+                    f"{one.name} is in {files[other[0]]} and in {files[k]}, from different "
+                    "determinations; name only one of them",
                     names=(one.name,),
                 )
-    rows: list[tuple[int, int]] = []
-    for k, qualification in enumerate(each):
-        rows += [
-            (k, i)
-            for i, one in enumerate(qualification.parameters)
-            if owner[one.name][0] == k and (k, i) not in rows
-        ]
-    covariance = np.zeros((len(rows), len(rows)))
-    for a, (k, i) in enumerate(rows):
-        for b, (other, j) in enumerate(rows):
-            if k == other:
-                covariance[a, b] = each[k].covariance[i, j]
+    rows = [
+        (k, i)
+        for k, qualification in enumerate(each)
+        for i, one in enumerate(qualification.parameters)
+        if owner[one.name][0] == k
+    ]
+    covariance = (
+        tuple(float(each[k].covariance[i, j]) if k == other else 0.0 for other, j in rows)
+        for k, i in rows
+    )
     found = [each[k].parameters[i] for k, i in rows]
     return QualifiedParameters(
         tuple(one.name for one in found),
         tuple(one.value for one in found),
-        tuple(tuple(row) for row in covariance.tolist()),
+        tuple(covariance),
         tuple(one.determination for one in found),
         tuple(one.date.isoformat() for one in found),
     )
@@ -144,11 +134,11 @@ def with_qualified_keys(
     name = section.get("name", "")
     for file, one in zip(used.files, used.each, strict=True):
         if not one.is_of_bench(kind.name, name):
-            raise InputError(
-                f"{KEY}: {file} is for {_bench_text(one.bench, one.bench_name)}, not for "
+            raise key_error(
+                KEY,
+                f"{file} is for {_bench_text(one.bench, one.bench_name)}, not for "
                 f"{_bench_text(kind.name, name)}; name a qualification of this bench, or correct "
                 "[bench] kind and name",
-                key=KEY,
                 names=(one.bench, one.bench_name),
             )
     by_key: dict[str, list[str]] = {}
@@ -157,10 +147,10 @@ def with_qualified_keys(
     result = dict(section)
     for key, names in by_key.items():
         if key in section:
-            raise InputError(
-                f"[bench] {key}: {', '.join(names)} is both typed and qualified; remove {key} or "
-                "the qualification",
-                key=f"[bench] {key}",
+            raise key_error(
+                f"[bench] {key}",
+                f"{', '.join(names)} is both typed and qualified; remove {key} or the "
+                "qualification",
                 names=tuple(names),
             )
         text = _key_text(key, names, kind, used.parameters)
@@ -185,10 +175,10 @@ def require_parameters(bench: Any, used: UsedQualifications) -> None:
             raise _unknown_parameter(name, tuple(declared))
         alone = np.count_nonzero(covariance[k]) == 1
         if one.scope != "run" and not (alone and used.parameters.value[k] == 0):
-            raise InputError(
-                f"{KEY}: {name} changes with each {one.scope}: a qualification can state its "
-                "standard deviation, but no value and no correlation",
-                key=KEY,
+            raise key_error(
+                KEY,
+                f"{name} changes with each {one.scope}: a qualification can state its standard "
+                "deviation, but no value and no correlation",
                 names=(name,),
             )
 
@@ -212,9 +202,9 @@ def _key_of(name: str, kind: Kind[Any, Any]) -> str:
 
 def _unknown_parameter(name: str, known: tuple[str, ...]) -> InputError:
     text = f"; it has {', '.join(known)}" if known else ""
-    return InputError(
-        f"{KEY}: the bench has no parameter {name!r} that a qualification can state{text}",
-        key=KEY,
+    return key_error(
+        KEY,
+        f"the bench has no parameter {name!r} that a qualification can state{text}",
         names=(name,),
     )
 
@@ -268,11 +258,8 @@ def _harmonics(names: Sequence[str], kind: Kind[Any, Any], known: QualifiedParam
         elif order <= len(default):
             texts.append(default[order - 1])
         else:
-            raise InputError(
-                f"{KEY}: harmonic {order} is missing: qualify all up to {max(by_order)}",
-                key=KEY,
-                names=(f"sin{order}", f"cos{order}"),
-            )
+            text = f"harmonic {order} is missing: qualify all up to {max(by_order)}"
+            raise key_error(KEY, text, names=(f"sin{order}", f"cos{order}"))
     return texts
 
 

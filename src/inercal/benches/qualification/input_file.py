@@ -2,6 +2,7 @@
 
 import datetime as dt
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -10,16 +11,18 @@ from typing import Any, Literal, cast
 import numpy as np
 from pydantic import Field, ValidationError
 
+from inercal.basics.documents import attributes
 from inercal.basics.errors import InputError, error_location
-from inercal.basics.small_files import read_toml
+from inercal.basics.small_files import is_file, read_toml
 from inercal.benches.kind_definition import KINDS
 from inercal.benches.qualification.linear_fit import MeasuredParameters
 from inercal.benches.qualification.measure import MEASUREMENTS, MeasurementInput
-from inercal.benches.qualification.qualification_file import determination_sha256, load
 from inercal.benches.qualification.result import (
     ANY_BENCH,
     Qualification,
     QualifiedParameter,
+    determination_sha256,
+    load,
     require_covariance,
 )
 from inercal.physics.section_settings import Section, key_error, optional
@@ -197,7 +200,7 @@ def input_files(path: str | Path) -> list[Path]:
     """Return the input file and the existing files that it names."""
     path = Path(path)
     named = _texts(read_toml(path, "input file of a qualification"))
-    return [path, *(path.parent / one for one in named if _is_file(path.parent / one))]
+    return [path, *(path.parent / one for one in named if is_file(path.parent / one))]
 
 
 def _texts(content: object) -> list[str]:
@@ -210,18 +213,10 @@ def _texts(content: object) -> list[str]:
     return []
 
 
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
-
-
 def _qualify(path: Path, content: Mapping[str, Any]) -> Qualification:
     if unknown := sorted(content.keys() - {"qualification", "measurement"}):
-        raise InputError(
-            f"[{unknown[0]}] is not known; there are [qualification] and [measurement]",
-            key=f"[{unknown[0]}]",
+        raise key_error(
+            f"[{unknown[0]}]", "is not known; there are [qualification] and [measurement]"
         )
     head = _validated("qualification", content.get("qualification"), QualificationSection)
     assert isinstance(head, QualificationSection)
@@ -255,7 +250,7 @@ def _bench_kind(head: QualificationSection) -> str:
 
 def _validated(name: str, content: object, section: type[Section]) -> Section:
     if not isinstance(content, dict):
-        raise InputError(f"[{name}] is missing", key=f"[{name}]")
+        raise key_error(f"[{name}]", "is missing")
     try:
         return section.model_validate(content)
     except ValidationError as error:
@@ -289,15 +284,9 @@ def _assembled(
     place = ("", "") if bench == ANY_BENCH else (bench, head.name)
     numbers = [value, covariance.tolist()]
     own = determination_sha256(place, names, numbers, head.date, head.method)
+    new = QualifiedParameter("", "", 0.0, own, head.date, head.valid_until)
     parameters = tuple(
-        QualifiedParameter(
-            name,
-            found.unit[k],
-            value[i],
-            earlier[name].determination if name in earlier else own,
-            earlier[name].date if name in earlier else head.date,
-            earlier[name].valid_until if name in earlier else head.valid_until,
-        )
+        replace(earlier.get(name, new), name=name, unit=found.unit[k], value=value[i])
         for i, (k, name) in enumerate(zip(order, names, strict=True))
     )
     provenance = {
@@ -307,22 +296,12 @@ def _assembled(
         "inercal": version("inercal"),
     }
     return Qualification(
-        head.kind,
-        bench,
-        head.name,
-        own,
-        head.date,
-        head.valid_until,
-        head.method,
-        head.instrument,
-        head.certificate,
-        parameters,
-        covariance,
-        found.chi2,
-        found.dof,
-        found.p_value,
-        found.suspects,
-        found.unseen,
-        found.remarks,
-        provenance,
+        **attributes(head, "kind date valid_until method instrument certificate"),
+        **attributes(found, "chi2 dof p_value suspects unseen remarks"),
+        bench=bench,
+        bench_name=head.name,
+        determination=own,
+        parameters=parameters,
+        covariance=covariance,
+        provenance=provenance,
     )

@@ -53,6 +53,11 @@ class LinearFit:
         return float(special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
 
 
+def readings_error(text: str) -> InputError:
+    """Return the error for readings that are not sufficient or not possible."""
+    return InputError(text, key="[measurement] file")
+
+
 def linear_fit(
     columns: Array,
     y: Array,
@@ -89,10 +94,9 @@ def linear_fit(
     size = np.linalg.norm(rows, axis=0)
     p = columns.shape[1]
     if len(y) < p or np.linalg.matrix_rank(rows / np.where(size > 0, size, 1.0), 1e-9) < p:
-        raise InputError(
+        raise readings_error(
             f"{len(y)} readings do not determine the {p} unknowns: "
             f"{unseen or 'measure at more positions'}",
-            key="[measurement] file",
         )
     scaled = rows / size
     inverse: Array = np.asarray(np.linalg.inv(scaled.T @ scaled), dtype=float)
@@ -137,34 +141,24 @@ def _missing_terms(
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredParameters:
+class MeasuredParameters(LinearFit):
     """Parameters of a bench that a measurement determines.
 
     Parameters
     ----------
+    value, covariance, chi2, dof, suspects
+        See `LinearFit`; the k values are those of the parameters.
     names : tuple of k str
         Names of the bench's parameters.
     unit : tuple of k str
         SI units.
-    value : (k,) array
-    covariance : (k, k) array
-    chi2, dof, p_value
-        χ² of the residuals, its degrees of freedom and its p-value.
-    suspects : tuple of str
-        Violations of the model that the residuals show.
     unseen : tuple of str
         Effects that the measurement cannot detect.
     remarks : tuple of str
     """
 
-    names: tuple[str, ...]
-    unit: tuple[str, ...]
-    value: Array
-    covariance: Array
-    chi2: float = 0.0
-    dof: int = 0
-    p_value: float = 1.0
-    suspects: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    unit: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
 
@@ -179,15 +173,6 @@ def from_fit(
     remarks: tuple[str, ...] = (),
 ) -> MeasuredParameters:
     """Return parameters, which may share one unit, with the test results of a fit."""
-    return MeasuredParameters(
-        names,
-        (unit,) * len(names) if isinstance(unit, str) else unit,
-        value,
-        covariance,
-        fit.chi2,
-        fit.dof,
-        fit.p_value,
-        fit.suspects,
-        unseen,
-        remarks,
-    )
+    units = (unit,) * len(names) if isinstance(unit, str) else unit
+    tests = fit.chi2, fit.dof, fit.suspects
+    return MeasuredParameters(value, covariance, *tests, names, units, unseen, remarks)

@@ -10,17 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError, error_location
+from inercal.basics.errors import error_location
 from inercal.basics.units import Measured
 from inercal.benches.qualification.linear_fit import MeasuredParameters
-from inercal.benches.qualification.measurements import (
-    azimuth,
-    gravity,
-    head_map,
-    radius,
-    rates,
-    tilts,
-)
+from inercal.benches.qualification.measurements import angles, arms, earth
 from inercal.benches.qualification.result import ANY_BENCH, Qualification
 from inercal.physics.earth import normal_gravity
 from inercal.physics.section_settings import Section, key_error, measured_constant, si_value
@@ -63,11 +56,8 @@ class MeasurementInput:
     @cached_property
     def table(self) -> Table:
         """The table of readings."""
-        try:
+        with error_location("[measurement] file", key="[measurement] file"):
             return read_table(self.folder / self.section.file)
-        except InputError as error:
-            key = "[measurement] file"
-            raise error.located(key, key=key) from None
 
     def column(self, key: str, like: str = "") -> Array:
         """Return the column that a key names, in SI if it has a unit, which KEY_unit states."""
@@ -139,11 +129,8 @@ class MeasurementInput:
             The bench is of another kind.
         """
         if self.bench not in kinds:
-            raise key_error(
-                "[qualification] bench",
-                f"{self.bench!r} has no such parameter; give {' or '.join(kinds)}",
-                names=kinds,
-            )
+            text = f"{self.bench!r} has no such parameter; give {' or '.join(kinds)}"
+            raise key_error("[qualification] bench", text, names=kinds)
 
     def used(self, name: str) -> Measured | None:
         """Return a parameter from the earlier qualifications, or None if they do not contain it."""
@@ -159,7 +146,7 @@ def measure_head_map(given: MeasurementInput) -> MeasuredParameters:
     section = given.section
     given.require_bench("dividing_head", "turntable")
     face = given.numbers("face")
-    result = head_map.head_map(
+    result = angles.head_map(
         given.column("angle", "°"),
         given.column("reading", "°"),
         given.noise("autocollimator", "°"),
@@ -195,10 +182,10 @@ def measure_table_tilt(given: MeasurementInput) -> MeasuredParameters:
     """Measure the lean of a turntable, or the standard deviation of a rate table's lean at rest."""
     given.require_bench("turntable", "rate_table")
     if given.section.level_at == "base":
-        tilts.refuse_base_level()
+        angles.refuse_base_level()
     absolute = given.bench == "turntable"
     level = si_value(given.text("azimuth"), "°", "[measurement] azimuth") if absolute else 0.0
-    result = tilts.table_tilt(
+    result = angles.table_tilt(
         given.column("angle", "°"),
         given.column("reading", "°"),
         given.noise("level", "°"),
@@ -219,13 +206,13 @@ def measure_right_angle(given: MeasurementInput) -> MeasuredParameters:
     """Measure the deviation of two axes of a turntable from a right angle."""
     given.require_bench("turntable")
     number = given.section.right_angle
-    return tilts.right_angle(
+    return angles.right_angle(
         given.column("angle", "°"),
         given.column("sense"),
         given.column("reading", "°"),
         given.noise("level", "°"),
         f"square_{number}",
-        tilts.right_angle_sign(given.section.axes, number),
+        angles.right_angle_sign(given.section.axes, number),
         given.deviation("level_scale", "1"),
     )
 
@@ -235,7 +222,7 @@ def measure_radius(given: MeasurementInput) -> MeasuredParameters:
     given.require_bench("centrifuge", "rate_table")
     section = given.section
     if section.by == "machine":
-        return radius.radius_by_machine(
+        return arms.radius_by_machine(
             given.column("reading", "m"),
             given.noise("reading_sd", "m"),
             given.deviation("machine", "m"),
@@ -248,14 +235,14 @@ def measure_radius(given: MeasurementInput) -> MeasuredParameters:
             "[measurement] rate_error",
             "the rate is already qualified in a file that uses names; remove rate_error",
         )
-    known = radius.RadiusSensor(
+    known = arms.RadiusSensor(
         given.noise("reading_sd", "m/s²"),
         given.deviation("scale", "1"),
         None if section.k2 is None else given.constant("k2", "1/(m/s²)"),
         given.deviation("rate_error", "1") if rate is None else rate.sd,
         given.used("g"),
     )
-    return radius.radius_by_sensor(
+    return arms.radius_by_sensor(
         given.column("rate", "rad/s"),
         given.column("reading", "m/s²"),
         known,
@@ -268,7 +255,7 @@ def measure_radius(given: MeasurementInput) -> MeasuredParameters:
 def measure_rate(given: MeasurementInput) -> MeasuredParameters:
     """Measure the relative error of the rates of a table or an arm."""
     given.require_bench(*_RATE_NAMES)
-    return rates.rate_error(
+    return arms.rate_error(
         *_counts(given), given.deviation("timebase", "1"), _RATE_NAMES[given.bench]
     )
 
@@ -276,7 +263,7 @@ def measure_rate(given: MeasurementInput) -> MeasuredParameters:
 def measure_rate_stability(given: MeasurementInput) -> MeasuredParameters:
     """Measure how much the rate varies between counts, as a standard deviation."""
     given.require_bench(*_STABILITY_NAMES)
-    return rates.rate_stability(*_counts(given), _STABILITY_NAMES[given.bench])
+    return arms.rate_stability(*_counts(given), _STABILITY_NAMES[given.bench])
 
 
 def _counts(given: MeasurementInput) -> tuple[Array, Array, Array, float]:
@@ -291,7 +278,7 @@ def _counts(given: MeasurementInput) -> tuple[Array, Array, Array, float]:
 def measure_gravity(given: MeasurementInput) -> MeasuredParameters:
     """Measure gravity at the sensor."""
     given.require_bench(ANY_BENCH)
-    section, done = given.section, gravity.NO_FIT
+    section, done = given.section, earth.NO_FIT
     if section.by == "computed":
         latitude = si_value(given.text("latitude"), "°", "[measurement] latitude")
         height = si_value(given.text("height"), "m", "[measurement] height")
@@ -302,7 +289,7 @@ def measure_gravity(given: MeasurementInput) -> MeasuredParameters:
             raise key_error("[measurement] gravity", "has no uncertainty; write '± 0.1 µm/s²'")
     if section.by == "network":
         given.text("file")
-        point, done = gravity.tied_gravity(
+        point, done = earth.tied_gravity(
             point,
             given.column("site"),
             given.column("hours"),
@@ -310,7 +297,7 @@ def measure_gravity(given: MeasurementInput) -> MeasuredParameters:
             given.noise("reading_sd", "m/s²"),
             given.deviation("scale", "1"),
         )
-    return gravity.local_gravity(
+    return earth.local_gravity(
         point,
         si_value(section.above, "m", "[measurement] above"),
         gradient=None if section.gradient is None else given.constant("gradient", "1/s²"),
@@ -323,7 +310,7 @@ def measure_azimuth(given: MeasurementInput) -> MeasuredParameters:
     """Measure the azimuth of a turntable at its zero angles."""
     given.require_bench("turntable")
     offset = given.constant("offset", "°")
-    return azimuth.earth_rate_azimuth(
+    return earth.earth_rate_azimuth(
         given.column("angle", "°"),
         given.column("reading", "°/s"),
         given.noise("reading_sd", "°/s"),

@@ -54,6 +54,7 @@ from inercal.benches.contract import MeanMotion, NoReadingOffsets, require_possi
 from inercal.benches.rate_platform.mean_motion import level_rate_factor, sensed_motion
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Pose, RateDwell
 from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 
 _EXACT = 1e-15  # rad/s: the horizontal earth rate at a pole
@@ -67,7 +68,7 @@ class StatedError(NamedTuple):
     scope: Scope
     example: str
     meaning: str
-    components: tuple[str, ...] = ()
+    components: str = ""
 
     @property
     def unit(self) -> str:
@@ -83,13 +84,11 @@ STATED: Mapping[str, StatedError] = {
     "rate_hysteresis": StatedError("°/s", "run", "1 °/h", "hysteresis of the table's rate"),
     "settling": StatedError("1", "run", "1 ppm", "remaining part of a change of rate"),
     "turn_angle": StatedError("°", "position", "0.01 °", "angle of a turn"),
-    "setting": StatedError("°", "mounting", "0.05 °", "table's axis in the case", ("1", "2")),
-    "arm": StatedError("m", "mounting", "5 mm", "distance of the sensor from the axis", ("1", "2")),
-    "turn_on": StatedError(
-        "°/s", "mounting", "60 °/h", "gyros' bias in a setting", ("x", "y", "z")
-    ),
-    "attitude": StatedError("°", "position", "0.05 °", "tilt of a pose", ("1", "2")),
-    "mounting": StatedError("°", "run", "0.1 °", "mounting of the case", ("x", "y", "z")),
+    "setting": StatedError("°", "mounting", "0.05 °", "table's axis in the case", "12"),
+    "arm": StatedError("m", "mounting", "5 mm", "distance of the sensor from the axis", "12"),
+    "turn_on": StatedError("°/s", "mounting", "60 °/h", "gyros' bias in a setting", "xyz"),
+    "attitude": StatedError("°", "position", "0.05 °", "tilt of a pose", "12"),
+    "mounting": StatedError("°", "run", "0.1 °", "mounting of the case", "xyz"),
 }
 
 
@@ -243,10 +242,10 @@ class RatePlatform(NoReadingOffsets):
         unknown = tuple(step.label for step in rates if not step.seconds)
         if self.angle_reading and unknown:
             key = "[data] seconds"
-            raise InputError(
-                f"{key} is missing: [bench] angle_reading is the error of the angle per dwell, but "
+            raise key_error(
+                key,
+                "is missing: [bench] angle_reading is the error of the angle per dwell, but "
                 f"{unknown[0]} has no duration; name the column of durations",
-                key=key,
                 names=unknown,
             )
 
@@ -309,14 +308,14 @@ def _require_measured_rates(sensor: Sensor, steps: Sequence[PlatformStep]) -> No
         reach = (axis.readout.full_scale or inf) / abs(axis.readout.scale)
         for step in _turning(steps)[0]:
             if abs(step.rate * np.dot(axis.i, step.up)) > reach:
-                raise InputError(
-                    f"[sensor.gyro] full_scale is {degrees(reach):.4g} °/s, but {axis.name} must "
-                    f"measure {step.label}; choose lower rates, or correct full_scale",
-                    key="[sensor.gyro] full_scale",
+                raise key_error(
+                    "[sensor.gyro] full_scale",
+                    f"is {degrees(reach):.4g} °/s, but {axis.name} must measure {step.label}; "
+                    "choose lower rates, or correct full_scale",
                     names=(step.label,),
                 )
 
 
 def _missing(name: str, example: str, reason: str) -> InputError:
     key = f"[bench] {name}"
-    return InputError(f'{key} is missing: state it, such as "{example}"; {reason}', key=key)
+    return key_error(key, f'is missing: state it, such as "{example}"; {reason}')

@@ -26,7 +26,7 @@ from inercal.basics.units import Measured
 from inercal.benches.contract import MeanMotion, stack_derivatives
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
 from inercal.physics.earth import EARTH_RATE, earth_rate_up_north
-from inercal.physics.frames import exp_so3, left_jacobian, skew
+from inercal.physics.frames import exp_so3, left_jacobian, skew, transform
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Mark, Recording
@@ -287,19 +287,15 @@ def _pose(label: str, up: Array, value: Value, g: Array, up_rate: Array) -> _Row
     mounting = np.stack([value(f"mounting_{a}") for a in "xyz"], axis=-1)
     turn, by_mounting = exp_so3(mounting), left_jacobian(mounting)
     h1, h2 = (value(f"pose_earth_{k}[{label}]")[..., None] for k in (1, 2))
-    f = g[..., None] * _turned(turn, vertical)
-    w = _turned(turn, up_rate[..., None] * vertical + h1 * across[0] + h2 * across[1])
-    df, dw = {"g": _turned(turn, vertical)}, dict[str, Array]()
+    f = g[..., None] * transform(turn, vertical)
+    w = transform(turn, up_rate[..., None] * vertical + h1 * across[0] + h2 * across[1])
+    df, dw = {"g": transform(turn, vertical)}, dict[str, Array]()
     for k, c in zip((1, 2), across, strict=True):
-        by_tilt = _turned(turn, jacobian @ c)
+        by_tilt = transform(turn, jacobian @ c)
         df[f"attitude_{k}[{label}]"] = g[..., None] * by_tilt
         dw[f"attitude_{k}[{label}]"] = up_rate[..., None] * by_tilt
         dw[f"pose_earth_{k}[{label}]"] = turn @ c
     for k, a in enumerate("xyz"):
         df[f"mounting_{a}"] = (-skew(f) @ by_mounting)[..., k]
         dw[f"mounting_{a}"] = (-skew(w) @ by_mounting)[..., k]
-    return _RowMotion(f, w, df, dw, _turned(turn, vertical))
-
-
-def _turned(matrix: Array, vector: Array) -> Array:
-    return (matrix @ vector[..., None])[..., 0]
+    return _RowMotion(f, w, df, dw, transform(turn, vertical))

@@ -6,7 +6,7 @@ from math import sqrt
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import si_factor
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
@@ -67,7 +67,8 @@ def require_rates(
             text = f"{names[own[k]]} reads it with the opposite sign"
             _refuse_row(run, steps[k], text)
     if not _USABLE[0] < ratio < _USABLE[1]:
-        _refuse_unit(run, ratio)
+        with error_location(run.path):
+            _refuse_unit(run, ratio)
 
 
 def _rough_bias(read: Array, nominal: Array) -> Array:
@@ -101,14 +102,12 @@ def _refuse_unit(run: RunBase[RatePlatformData], ratio: float) -> None:
                 f"according to the gyros, the rates are {factor:.4g} times as large, in {unit} and "
                 f"not in {run.data.table_rate_unit}; {advice}, or correct the unit in "
                 "[sensor.gyro]",
-                run.path,
-                (unit,),
+                names=(unit,),
             )
     raise key_error(
         key,
         f"the gyros read {ratio:.4g} times the stated rates; check the unit of the rates, and unit "
         "and scale in [sensor.gyro]",
-        run.path,
     )
 
 

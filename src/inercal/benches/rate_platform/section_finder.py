@@ -75,7 +75,8 @@ def find_sections(
     columns = [recording.channels.index(name) for name in gyros.channels]
     rate = gyros.to_si(recording.data[:, columns])
     runs = steady_runs(rate, recording.rate_hz)
-    pieces = _matched(recording, gyros, runs, stated, _fastest(rate, recording.rate_hz))
+    speeds = np.linalg.norm(_block_means(rate, recording.rate_hz)[0], axis=-1)  # also in turns
+    pieces = _matched(recording, gyros, runs, stated, float(speeds.max(initial=0.0)))
     marks: list[Mark] = []
     steps: list[PlatformStep] = []
     for step, (start, stop) in zip(stated, pieces, strict=True):
@@ -89,10 +90,8 @@ def find_sections(
 
 def steady_runs(rate: Array, rate_hz: float) -> list[SteadyRun]:
     """Return the stretches in which the rate, (n, 3) rad/s, is steady, in order."""
-    size = max(round(_BLOCK * rate_hz), 1)
-    count = len(rate) // size
-    blocks = rate[: count * size].reshape(count, size, -1).mean(axis=1)
-    if count < 2:
+    blocks, size = _block_means(rate, rate_hz)
+    if (count := len(blocks)) < 2:
         return []
     noise = np.median(np.abs(np.diff(blocks, axis=0)), axis=0) / _NORMAL_MEDIAN / np.sqrt(2)
     runs: list[SteadyRun] = []
@@ -108,12 +107,11 @@ def steady_runs(rate: Array, rate_hz: float) -> list[SteadyRun]:
     return runs
 
 
-def _fastest(rate: Array, rate_hz: float) -> float:
-    """Return the highest rate in blocks of a recording, (n, 3) rad/s, also outside steady runs."""
+def _block_means(rate: Array, rate_hz: float) -> tuple[Array, int]:
+    """Return the means of a rate, (n, 3) rad/s, over blocks, and the samples in a block."""
     size = max(round(_BLOCK * rate_hz), 1)
     count = len(rate) // size
-    blocks = rate[: count * size].reshape(count, size, -1).mean(axis=1)
-    return float(np.linalg.norm(blocks, axis=-1).max(initial=0.0))
+    return rate[: count * size].reshape(count, size, -1).mean(axis=1), size
 
 
 def _matched(
@@ -154,11 +152,8 @@ def _matched(
             done += 1
             continue
         if not 0 < done < len(tokens):
-            raise InputError(
-                f"turn {step.label} needs a rest before and after it; state both",
-                key="[data] sections",
-                names=(step.label,),
-            )
+            text = f"turn {step.label} needs a rest before and after it; state both"
+            raise InputError(text, key="[data] sections", names=(step.label,))
         guard = round(_GUARD * recording.rate_hz)
         pieces.append((tokens[done - 1].stop - guard, tokens[done].start + guard))
     return pieces

@@ -44,7 +44,7 @@ from inercal.benches.key_declarations import (
     small_angle,
 )
 from inercal.benches.motion_control import AxisMotionLimits
-from inercal.physics.frames import exp_so3, left_jacobian, skew
+from inercal.physics.frames import exp_so3, left_jacobian, skew, stack_components, transform
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import Sensor
@@ -222,8 +222,7 @@ def sensed_motion(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array
         return np.asarray(q.get(name, declared[name].value if name in declared else 0.0))
 
     def of_each(name: str, labels: Sequence[str]) -> Array:
-        values = [value(f"{name}[{label}]") for label in labels]
-        return np.stack(np.broadcast_arrays(*values), axis=-1)
+        return stack_components(*(value(f"{name}[{label}]") for label in labels))
 
     w = np.array([step.rate for step in steps])
     g = value("g")[..., None]
@@ -234,11 +233,9 @@ def sensed_motion(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array
     lean = np.stack([of_each(f"lean_{k}", rests) for k in _LEAN], axis=-1) * (w == 0)[:, None]
     root = np.sqrt(1 - (lean**2).sum(-1))
     along = np.cross(up, -out)
-    pose = np.stack(
-        np.broadcast_arrays(*(of_each(f"pose_{axis}", mounted) for axis in _AXES)), axis=-1
-    )
+    pose = stack_components(*(of_each(f"pose_{axis}", mounted) for axis in _AXES))
     turn = exp_so3(pose)
-    inward, along, upward = ((turn @ v[..., None])[..., 0] for v in (-out, along, up))
+    inward, along, upward = (transform(turn, v) for v in (-out, along, up))
     reaction = root[..., None] * upward + lean[..., :1] * inward + lean[..., 1:] * along
     f = a[..., None] * inward + g[..., None] * reaction
     by_rate = (2 * radius * turned * w)[..., None] * inward

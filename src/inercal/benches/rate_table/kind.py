@@ -1,4 +1,4 @@
-"""Register the plain rate table as a kind of bench, with its report and its worksheet.
+"""Register the plain rate table as a kind of bench: its sections, report and worksheet.
 
 The report shows the errors of each axis by speed, and the states found in a recording. The table of
 states has the rate in r/min and the readings of three axes, with one row per state in the order of
@@ -20,18 +20,21 @@ the axis has one fixed direction in the room, given by the lean of the first res
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from math import pi
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from inercal.basics.arrays import Array
 from inercal.basics.units import format_duration
 from inercal.benches.arm import outward_and_up_directions
+from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.kind_definition import Kind, Vocabulary, simulate_without_sensor
-from inercal.benches.motion_control import MotionControl, SensedMotion, SpinTask
+from inercal.benches.motion_control import AxisMotionLimits, MotionControl, SensedMotion, SpinTask
 from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion, speed_names
 from inercal.benches.rate_table.fixture import PLANES, group_by_mounting, is_tilted
-from inercal.benches.rate_table.settings import RateTableData, RateTableSection, build
 from inercal.benches.rate_table.simulation import (
     rotate_horizontal,
     simulate_table_motion,
@@ -40,14 +43,62 @@ from inercal.benches.rate_table.simulation import (
 from inercal.benches.report_data import Columns, Panel, Plot, ReportInput, Series, describe_spin
 from inercal.physics.frames import exp_so3
 from inercal.physics.plan import Hold, Spin
+from inercal.physics.section_settings import PLANNING, BenchSection, section_length, si_value
 from inercal.physics.sensors import G0
-from inercal.recordings.data import EstimatorInput, RunBase
-from inercal.recordings.data.recording_loader import (
-    readback_columns,
-    readback_units,
-    unsigned_column,
+from inercal.recordings.data import (
+    DataSection,
+    EstimatorInput,
+    ReadbackColumn,
+    RunBase,
+    recording_loader,
+    unit_size,
 )
 from inercal.recordings.io.mean_tables import SD_SUFFIX
+
+
+@add_bench_keys(RateTable)
+class RateTableSection(BenchSection):
+    """Section [bench] for a plain rate table with a fixture, as used for sensors in ship models."""
+
+    kind: Literal["rate_table"]
+    radius: str = Field(examples=["250 mm ± 0.3 mm"])
+    max_rate: str = Field(
+        "90 rpm", description="rate limit of the table", json_schema_extra=PLANNING
+    )
+    max_acceleration: str = Field("100 °/s²", json_schema_extra=PLANNING)
+
+
+class RateTableData(DataSection):
+    """Section [data] for a plain rate table, in which each row is a mounting at a rate."""
+
+    arm_rate: str | int = Field(description="column of the table's rate", examples=["rate"])
+    arm_rate_unit: str = Field(
+        "rpm", description="unit of the rate, or its size such as '0.5 rev/s'"
+    )
+    mounting: str | int = Field(
+        description="column of mountings, 'XY' or 'ZY 30'", examples=["mounting"]
+    )
+
+    @property
+    def row(self) -> str | int | None:
+        """The column that names the rows of a table or the sections of a recording."""
+        return self.mounting if self.label is None else self.label
+
+    def readback(self, bench: RateTable) -> tuple[ReadbackColumn, ...]:
+        """Return the column with the rate of the table."""
+        size = unit_size(self.arm_rate_unit, "rad/s", "arm_rate_unit")
+        return (ReadbackColumn("arm_rate", str(self.arm_rate), size),)
+
+
+def build(section: RateTableSection, folder: Path) -> RateTable:
+    """Build the bench in SI from its section; the files that it names are in `folder`."""
+    limits = AxisMotionLimits(
+        si_value(section.max_rate, "rpm", "[bench] max_rate"),
+        si_value(section.max_acceleration, "°/s²", "[bench] max_acceleration"),
+    )
+    radius = section_length(section, "radius")
+    return build_bench(RateTable, section, radius=radius, limits=limits)
+
 
 _SETTLING_SECONDS = 0.25
 
@@ -109,14 +160,8 @@ def _motion_at_instants(
         factor = 1 + common + np.asarray(np.interp(np.abs(rate), rates, off), dtype=np.float64)
         w, dw = rate * factor, acceleration * factor
         swing = rotate_horizontal(lean, azimuth)
-        f = np.stack(
-            [
-                radius * w**2 + g * swing[:, 0],
-                -radius * dw + g * swing[:, 1],
-                np.full(len(moved), g * upward),
-            ],
-            axis=-1,
-        )
+        inwards, forwards = radius * w**2 + g * swing[:, 0], -radius * dw + g * swing[:, 1]
+        f = np.stack([inwards, forwards, np.full(len(moved), g * upward)], axis=-1)
         axis = body[:, 2]
         return np.concatenate([f @ body.T, w[:, None] * axis, dw[:, None] * axis], axis=-1)
 
@@ -138,23 +183,21 @@ def sheet(run: RunBase[RateTableData]) -> Sheet:
     """Return the worksheet with the states of a run, grouped by mounting and sorted by speed."""
     planned = [step for step in run.steps if isinstance(step, Spin)]
     steps = [step for own in group_by_mounting(planned) for step in own]
-    names, data, size = mounting_names(steps), run.data, readback_units(run)["arm_rate"]
+    names, data, size = (
+        mounting_names(steps),
+        run.data,
+        recording_loader.readback_units(run)["arm_rate"],
+    )
     rows: list[SheetRow] = []
     result = sensed_motion(run.bench, steps, {}).f
     for k, (name, step, f) in enumerate(zip(names, steps, result, strict=True), start=1):
         assert step.attitude is not None
         rpm, up = step.rate * 30 / pi, Hold("", step.attitude.up, 0.0).describe()
         reads = [f"{x + 0.0:+.3f}".replace("-", "−") for x in np.asarray(f / G0).round(3).tolist()]
-        rows.append(
-            SheetRow(
-                step.label,
-                (str(k), name, up, f"{rpm:.4g}", f"{step.seconds:g} s", *reads),
-                step.seconds,
-                name,
-                (name, f"{step.rate / size:.12g}"),
-                {"mounting": name, "up": up, "rpm": rpm, "felt": f.tolist()},
-            )
-        )
+        cells = (str(k), name, up, f"{rpm:.4g}", f"{step.seconds:g} s", *reads)
+        given = (name, f"{step.rate / size:.12g}")
+        facts = {"mounting": name, "up": up, "rpm": rpm, "felt": f.tolist()}
+        rows.append(SheetRow(step.label, cells, step.seconds, name, given, facts))
     return Sheet(
         f"{len(rows)} states, {format_duration(sum(step.seconds for step in steps))} in all",
         (
@@ -242,13 +285,13 @@ def output_tables(run: RunBase[RateTableData], outcome: ReportInput) -> dict[str
     mean = sensor.to_output(seen.mean)
     scale = np.array([abs(axis.readout.scale) for axis in sensor.axes])
     sd = np.sqrt(np.diagonal(seen.covariance, axis1=-2, axis2=-1)) * scale
-    data, size = run.data, readback_units(run)["arm_rate"]
+    data, size = run.data, recording_loader.readback_units(run)["arm_rate"]
     turns = [round(abs(w) * t / (2 * pi)) for w, t in zip(rates, seen.duration, strict=True)]
     mounting = [str(recording.labels[mark.start]).strip() for mark in outcome.marks]
-    axes = [unsigned_column(column) for column in data.accelerometer]
+    axes = [recording_loader.unsigned_column(column) for column in data.accelerometer]
     columns: dict[str, Sequence[str] | Sequence[float] | Sequence[int]] = {
         str(data.mounting): [mounting[k] for k in order],
-        readback_columns(run)["arm_rate"]: _rounded(np.array(rates)[order] / size),
+        recording_loader.readback_columns(run)["arm_rate"]: _rounded(np.array(rates)[order] / size),
     }
     for suffix, values in (("", mean), (SD_SUFFIX, sd)):
         columns |= {a + suffix: _rounded(values[order, k]) for k, a in enumerate(axes)}

@@ -6,7 +6,6 @@ The unit of the rates and the axes of the sensor are checked against the reading
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import permutations, product
 from math import pi, radians
 from pathlib import Path
 from typing import cast
@@ -19,22 +18,14 @@ from inercal.basics.units import format_quantity
 from inercal.benches.arm import fitting_arm_unit
 from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion, speed_names
 from inercal.benches.rate_table.fixture import PLANES, Plane, mounting_attitude
-from inercal.benches.rate_table.settings import RateTableData
+from inercal.benches.rate_table.kind import RateTableData
+from inercal.benches.stated_axes import signed_permutations
 from inercal.physics.plan import Attitude, Spin
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import G0
 from inercal.physics.sensors.affine import AffineModel
 from inercal.recordings import Finding, Observations, Recording, join_observations
-from inercal.recordings.data import EstimatorInput, RunBase
-from inercal.recordings.data.recording_loader import (
-    load_recording,
-    number_repeated_names,
-    position_name,
-    readback_columns,
-    readback_units,
-    reader_columns,
-    stated_deviations,
-)
+from inercal.recordings.data import EstimatorInput, RunBase, recording_loader
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.mean_tables import number_column, observations_from_table, read_columns
 from inercal.recordings.segments import average_dwells, average_sections, find_dwells
@@ -177,13 +168,9 @@ def require_axes(
     if model is not None:
         # A bias does not show a wrong axis, so compare only the directions of the axes.
         read = read - model.inverse.offset
-    fits = {
-        (order, signs): float(np.sum((read[:, order] * np.array(signs) - result) ** 2))
-        for order in permutations(range(3))
-        for signs in product((1, -1), repeat=3)
-    }
-    straight, best = fits[(0, 1, 2), (1, 1, 1)], min(fits, key=lambda key: fits[key])
-    if fits[best] < straight / 10 and best != ((0, 1, 2), (1, 1, 1)):
+    fits = {way: float(np.sum((way.reorder(read) - result) ** 2)) for way in signed_permutations(3)}
+    straight, best = next(iter(fits.values())), min(fits, key=lambda way: fits[way])
+    if fits[best] < straight / 10 and not best.is_identity:
         given = run.data.accelerometer
         order = ", ".join(f"{'−' * (s < 0)}{given[k]}" for k, s in zip(*best, strict=True))
         raise key_error(
@@ -214,7 +201,11 @@ def observe(run: RunBase[RateTableData]) -> EstimatorInput:
         raise key_error(
             "[data] seconds", "a table of means needs no durations; remove the key", run.path
         )
-    result = _table(run) if run.data.kind == "means" else reduce_recording(run, load_recording(run))
+    result = (
+        _table(run)
+        if run.data.kind == "means"
+        else reduce_recording(run, recording_loader.load_recording(run))
+    )
     steps = [step for step in result.steps if isinstance(step, Spin)]
     require_rates(run, result.observations, bench, steps)
     require_axes(run, result.observations, bench, steps)
@@ -222,20 +213,24 @@ def observe(run: RunBase[RateTableData]) -> EstimatorInput:
 
 
 def _table(run: RunBase[RateTableData]) -> EstimatorInput:
-    rate, unit = readback_columns(run)["arm_rate"], readback_units(run)["arm_rate"]
-    wanted, path = reader_columns(run), run.file(run.data.file)
+    rate, unit = (
+        recording_loader.readback_columns(run)["arm_rate"],
+        recording_loader.readback_units(run)["arm_rate"],
+    )
+    wanted, path = recording_loader.reader_columns(run), run.file(run.data.file)
     where = str(run.data.mounting)
     table = read_columns(path, wanted, [where, rate])
     rates = number_column(path, table, rate, "give the rate, 0 at rest,") * unit
+    mountings = map(recording_loader.position_name, table.columns[where].tolist())
     poses = [
-        _parse_mounting(position_name(text), where, f"{path} {table.place(k)}", path, table.line(k))
-        for k, text in enumerate(table.columns[where].tolist())
+        _parse_mounting(text, where, f"{path} {table.place(k)}", path, table.line(k))
+        for k, text in enumerate(mountings)
     ]
     rpm = (rates * 30 / pi).tolist()
     names = [f"{pose.name} at {turning:.6g} rpm" for pose, turning in zip(poses, rpm, strict=True)]
-    labels = tuple(number_repeated_names(names))
+    labels = tuple(recording_loader.number_repeated_names(names))
     observations = observations_from_table(
-        path, table, labels, wanted, run.sensor, stated_deviations(run)
+        path, table, labels, wanted, run.sensor, recording_loader.stated_deviations(run)
     )
     steps = tuple(
         Spin(label, turning, 0.0, pose)
@@ -273,7 +268,7 @@ def reduce_recording(run: RunBase[RateTableData], recording: Recording) -> Estim
     InputError
         There is no dwell, there are too few turns, or a label does not name a mounting.
     """
-    size = readback_units(run)["arm_rate"]
+    size = recording_loader.readback_units(run)["arm_rate"]
     recording = replace(recording, readback={ARM_RATE: recording.readback[ARM_RATE] * size})
     require_unit(run, recording, run.bench)
     found, flawed = find_dwells(recording, "table")

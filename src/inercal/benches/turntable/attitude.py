@@ -34,6 +34,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches.turntable.bench import Turntable
 from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.frames import stack_components
 from inercal.physics.motion import Motion
 
 _BLOCK = 1 << 15  # samples
@@ -118,7 +119,7 @@ def ideal_readback(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> A
                 amplitude = np.asarray(q.get(full, zero)) + bench.correction(full)
                 reading = reading + amplitude[..., None] * function(h * theta)
         columns.append(reading)
-    return np.stack(np.broadcast_arrays(*columns), axis=-1)
+    return stack_components(*columns)
 
 
 def linear_misalignment(bench: Turntable, angles: Array) -> Misalignment:
@@ -185,9 +186,8 @@ def motion(
         v = v + rates[..., i, None] * u
     w, dw = earth + v, _cross(earth, v) + dv
     f = _parameter_value(bench, q, "g")[..., None, None] * mat[..., 2, :]
-    lever = np.stack(
-        np.broadcast_arrays(*(_parameter_value(bench, q, f"lever_{a}") for a in "xyz")), axis=-1
-    )[..., None, :]
+    arms = (_parameter_value(bench, q, f"lever_{a}") for a in "xyz")
+    lever = stack_components(*arms)[..., None, :]
     if lever.any():
         f = f + _cross(dw, lever) + _cross(w, _cross(w, lever))
     return Motion(f, w, dw)

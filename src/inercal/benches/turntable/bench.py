@@ -14,19 +14,25 @@ of the angle between a_i and a_i+1 from a right angle. The readback of an axis i
 where t is the IMU's time, τ the latency and χ the relative rate of the readback's clock.
 
 The body frame is fixed to the innermost axis. The mounting of the IMU in it belongs to the sensor.
+
+A `StillTable` has no readback, and is at rest between its turns. Its angles, its level and the
+squareness of its axes are unknown. Only gravity and, from the
+latitude, the earth's rate are known.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from math import isfinite, radians
+from typing import Any
 
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
 from inercal.basics.units import Measured
 from inercal.benches.contract import require_possible_values
 from inercal.benches.key_declarations import constant, declared_parameters, deviation, small_angle
-from inercal.benches.turntable.axis_profiles import AxisMotionLimits
+from inercal.benches.motion_control import AxisMotionLimits
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.plan import TableStep
 from inercal.physics.sensors import Sensor
@@ -152,16 +158,9 @@ class Turntable:
             Parameter.from_measured("azimuth", "rad", self.azimuth, "azimuth of the base"),
             *(
                 Parameter(
-                    f"square_{i}",
-                    "rad",
-                    self.square,
-                    "run",
-                    0.0,
-                    f"right angle between {one} and {other}",
+                    f"square_{i}", "rad", self.square, "run", 0.0, f"right angle between {of}"
                 )
-                for i, (one, other) in enumerate(
-                    zip(self.names, self.names[1:], strict=False), start=1
-                )
+                for i, of in enumerate(map(" and ".join, pairwise(self.names)), start=1)
             ),
             *(
                 Parameter(
@@ -206,3 +205,39 @@ _SETTLING_SECONDS = 0.25  # s, without the latency of the readback
 def settling_time(bench: Turntable) -> float:
     """Return the settling time of the table, s, with the possible latency of its readback."""
     return _SETTLING_SECONDS + abs(bench.latency.value) + 2 * bench.latency.sd
+
+
+@dataclass(frozen=True)
+class StillTable:
+    """A turntable whose angles are not used.
+
+    Parameters
+    ----------
+    gravity : Measured
+        Local gravity, m/s².
+    latitude : Measured
+        Latitude, rad, positive in the north.
+    """
+
+    gravity: Measured
+    latitude: Measured
+
+    @classmethod
+    def from_turntable(cls, bench: "Turntable | StillTable") -> "StillTable":
+        """Return the same turntable without its angles, with only gravity and latitude."""
+        if isinstance(bench, StillTable):
+            return bench
+        place = bench.place
+        return cls(bench.gravity, Measured(bench.latitude, 0.0) if place is None else place)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The imperfections of the bench, as data."""
+        return (
+            local_gravity(self.gravity),
+            Parameter.from_measured("latitude", "rad", self.latitude, "latitude"),
+        )
+
+    def nuisances(self, steps: Sequence[Any], sensor: Sensor) -> dict[str, Parameter]:
+        """Return gravity and latitude by name, because they act on every step."""
+        return {parameter.name: parameter for parameter in self.parameters}

@@ -313,11 +313,8 @@ def path_plan(
         return plan
     file = folder / name
     if not is_file(file):
-        raise key_error(
-            "[method] path",
-            f"{name!r} is neither a file in {folder} nor one of {', '.join(PATHS)}",
-            names=(name,),
-        )
+        text = f"{name!r} is neither a file in {folder} nor one of {', '.join(PATHS)}"
+        raise key_error("[method] path", text, names=(name,))
     if "seconds" in options:
         raise key_error("[method] seconds", f"{name} already gives the durations; remove the key")
     return partial(read_path, file, bench.names)

@@ -5,12 +5,10 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.benches.key_declarations import add_bench_keys, build_bench
-from inercal.benches.turntable.axis_profiles import AxisMotionLimits
-from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.still_table import StillTable
+from inercal.benches.motion_control import AxisMotionLimits
+from inercal.benches.turntable.bench import StillTable, Turntable
 from inercal.physics.section_settings import (
     PLANNING,
     BenchSection,
@@ -163,9 +161,8 @@ class TurntableData(DataSection):
 def build(section: TurntableSection, folder: Path) -> Turntable:
     """Build the bench in SI from its section; the files that it names are in `folder`."""
     if section.latitude is None:
-        raise InputError(
-            "[bench] latitude is missing; add it, because the gyros measure the earth's rate",
-            key="[bench] latitude",
+        raise key_error(
+            "[bench] latitude", "is missing; add it, because the gyros measure the earth's rate"
         )
     x, y, z = (
         measured_constant(arm, "m", "[bench] lever", last_digit=False) for arm in section.lever

@@ -25,7 +25,7 @@ from math import degrees, inf, isfinite, nan, radians
 from typing import Any, Literal, NamedTuple
 
 from inercal.basics.errors import InputError
-from inercal.benches.turntable.axis_profiles import AxisMotionLimits
+from inercal.benches.motion_control import AxisMotionLimits
 from inercal.host import sequencer
 from inercal.host.drivers import rotary_table
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState, Feature, TableFault, TableState

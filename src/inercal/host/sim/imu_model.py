@@ -25,7 +25,7 @@ from inercal.host.packets.packet_format import AXES
 from inercal.host.sim.motion_link import MotionBlock
 from inercal.host.sim.simulated_errors import SimulatedErrors, noise_generator
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.basis_functions import COMPONENTS
+from inercal.physics.sensors.coefficient_tables import COMPONENTS
 from inercal.runfile import Run
 
 RING_SIZE = 8192  # number of stored servo cycles, a power of 2

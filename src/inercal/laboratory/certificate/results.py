@@ -31,8 +31,8 @@ from inercal.estimation.uncertainty.conformity import (
     judge,
 )
 from inercal.physics.sensors import SI_UNITS, Sensor, imu
-from inercal.physics.sensors.basis_functions import Basis
 from inercal.physics.sensors.coefficient_selection import select_coefficients
+from inercal.physics.sensors.coefficient_tables import Basis
 
 Status = Literal["", "beforeAdjustment", "afterAdjustment"]
 _COMPONENTS = {

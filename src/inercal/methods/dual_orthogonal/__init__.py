@@ -35,9 +35,12 @@ import numpy as np
 
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_quantity
-from inercal.benches.dividing_head.bench import DividingHead
-from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
-from inercal.benches.dividing_head.head_angles import sensor_angles
+from inercal.benches.dividing_head.bench import (
+    DividingHead,
+    bench_covariance,
+    reading_sensitivities,
+)
+from inercal.benches.dividing_head.passes import sensor_angles
 from inercal.estimation import Estimate, least_squares
 from inercal.estimation.scores import NO_SCORE_TESTS
 from inercal.estimation.uncertainty import COVERAGE

@@ -35,8 +35,12 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
-from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
-from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
+from inercal.benches.dividing_head.bench import (
+    DividingHead,
+    bench_covariance,
+    reading_sensitivities,
+    sensed_motion,
+)
 from inercal.benches.dividing_head.passes import CARDINAL_ANGLES, matches_any_angle
 from inercal.estimation import Estimate, Gaussian, Problem, least_squares
 from inercal.estimation.uncertainty import jacobian

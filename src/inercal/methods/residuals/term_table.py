@@ -11,7 +11,7 @@ import numpy as np
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.keys import CoefficientName
 from inercal.physics.sensors import Sensor
-from inercal.physics.sensors.basis_functions import Product
+from inercal.physics.sensors.coefficient_tables import Product
 
 # Powers of the components in a product, then of sign and temperature.
 _POWERS = ("fi", "fp", "fo", "si", "dT")

@@ -41,9 +41,8 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity, format_value_and_uncertainty
 from inercal.benches.report_data import Panel, Plot, Series
-from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.bench import StillTable, Turntable
 from inercal.benches.turntable.paths import systematic_plan
-from inercal.benches.turntable.still_table import StillTable
 from inercal.estimation import Estimate
 from inercal.estimation.uncertainty import COVERAGE
 from inercal.methods import Fit, Method, Priors, Remarks, triangular_frame

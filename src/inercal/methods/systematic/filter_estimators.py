@@ -16,9 +16,8 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
-from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.bench import StillTable, Turntable
 from inercal.benches.turntable.simulation import turntable_path_duration
-from inercal.benches.turntable.still_table import StillTable
 from inercal.estimation import Estimate, ModelTest
 from inercal.estimation.innovations import group_innovations, mean_and_whiteness_tests
 from inercal.methods import PartialEstimate, Priors

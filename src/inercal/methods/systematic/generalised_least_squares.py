@@ -19,7 +19,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.keys import CoefficientName
 from inercal.basics.parameters import Parameter
-from inercal.benches.turntable.still_table import StillTable
+from inercal.benches.turntable.bench import StillTable
 from inercal.estimation import Candidate, Estimate, Gaussian, Problem
 from inercal.estimation.fitting import estimate_at_solution
 from inercal.estimation.nullspace import observability

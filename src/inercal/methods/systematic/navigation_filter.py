@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
-from inercal.benches.turntable.still_table import StillTable
+from inercal.benches.turntable.bench import StillTable
 from inercal.estimation import FilterHistory, Gaussian
 from inercal.methods import Priors
 from inercal.methods.systematic import navigation

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.physics.frames import skew
+from inercal.physics.frames import skew, stack_components, transform
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS, Measures
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
@@ -137,14 +137,15 @@ def _tilted_axis_response(
     coefficient_derivatives: dict[str, Array] = {}
     motion_derivatives = {kind + axis: h[k] for k, axis in enumerate("ipo")}
     if arm:
-        w, dw = (np.stack(np.broadcast_arrays(*(seen[s + a] for a in "ipo")), -1) for s in "wa")
+        w, dw = (stack_components(*(seen[s + a] for a in "ipo")) for s in "wa")
         cross = skew(dw) + skew(w) @ skew(w)
-        r = np.stack(np.broadcast_arrays(*arm), axis=-1)
-        h_row = np.stack(np.broadcast_arrays(*h), axis=-1)
+        r = stack_components(*arm)
+        h_row = stack_components(*h)
         sensed = [
-            f + part for f, part in zip(sensed, np.moveaxis(_apply(cross, r), -1, 0), strict=True)
+            f + part
+            for f, part in zip(sensed, np.moveaxis(transform(cross, r), -1, 0), strict=True)
         ]
-        along_r = _apply(np.swapaxes(cross, -1, -2), h_row)
+        along_r = transform(np.swapaxes(cross, -1, -2), h_row)
         coefficient_derivatives = {
             name: along_r[..., k] for k, name in enumerate(ARMS) if name in modelled
         }
@@ -160,10 +161,6 @@ def _tilted_axis_response(
     if "delta_p" in values:
         coefficient_derivatives["delta_p"] = (1 + tan_p**2) / norm * (-sensed[2] - a * tan_p / norm)
     return AxisResponse(a, coefficient_derivatives, motion_derivatives)
-
-
-def _apply(matrix: Array, vector: Array) -> Array:
-    return (matrix @ vector[..., None])[..., 0]
 
 
 _VECTORS = ("f", "w", "a", "m")

@@ -216,24 +216,16 @@ class Sensor:
         for k, axis in enumerate(self.axes):
             terms = sorted(by_axis[axis.name], key=TABLES[axis.measures].index)
             alike.setdefault((axis.measures, tuple(terms)), []).append(k)
-        return tuple(
-            SimilarAxes(
-                measures,
-                np.array(members),
-                np.stack([self.axes[k].frame for k in members]),
-                terms,
-                {
-                    term.name: np.array(
-                        [
-                            self.coefficients.index(f"{self.axes[k].name}.{term.name}")
-                            for k in members
-                        ]
-                    )
-                    for term in terms
-                },
-            )
-            for (measures, terms), members in alike.items()
-        )
+        groups: list[SimilarAxes] = []
+        for (measures, terms), members in alike.items():
+            axes = [self.axes[k] for k in members]
+            columns = {
+                one.name: np.array([self.coefficients.index(f"{a.name}.{one.name}") for a in axes])
+                for one in terms
+            }
+            frames = np.stack([axis.frame for axis in axes])
+            groups.append(SimilarAxes(measures, np.array(members), frames, terms, columns))
+        return tuple(groups)
 
     def forward(self, motion: Motion, c: Array) -> Array:
         """Return noise-free readings in SI, (..., n, m), for coefficients `c`, (..., p) in SI."""

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.benches.column_orders import (
+from inercal.benches.stated_axes import (
     SignedPermutation,
     identity_permutation,
     signed_permutations,

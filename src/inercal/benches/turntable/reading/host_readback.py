@@ -126,22 +126,17 @@ def _findings(attributes: dict[str, object]) -> tuple[Finding, ...]:
     )
     result: list[Finding] = []
     if implausible:
-        result.append(
-            Finding(
-                "note" if implausible < _FEW * polls else "warning",
-                "implausible",
-                f"the host left out {implausible} of {polls} readings of the table, because their "
-                "position, rate and following error imply motion beyond the bench's limits; check "
-                "the cable to its controller",
-            )
+        severity = "note" if implausible < _FEW * polls else "warning"
+        text = (
+            f"the host left out {implausible} of {polls} readings of the table, because their "
+            "position, rate and following error imply motion beyond the bench's limits; check "
+            "the cable to its controller"
         )
+        result.append(Finding(severity, "implausible", text))
     if unusable:
-        result.append(
-            Finding(
-                "note",
-                "angles",
-                f"{unusable} samples have an angle that the filters do not use, because the table "
-                "was read too rarely while it turned",
-            )
+        text = (
+            f"{unusable} samples have an angle that the filters do not use, because the table "
+            "was read too rarely while it turned"
         )
+        result.append(Finding("note", "angles", text))
     return tuple(result)

@@ -31,12 +31,7 @@ from inercal.benches.turntable.reading.readback_clock import (
 from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
 from inercal.physics.section_settings import si_value
 from inercal.recordings import AngleQuality, Finding, Recording
-from inercal.recordings.data import RunBase
-from inercal.recordings.data.recording_loader import (
-    file_reader_options,
-    readback_fields,
-    readback_units,
-)
+from inercal.recordings.data import RunBase, recording_loader
 from inercal.recordings.environment import Environment
 from inercal.recordings.environment.soaks import SOAK_SPREAD
 from inercal.recordings.io.audit import gap_findings
@@ -111,7 +106,7 @@ def add_table_angles(
     ClockMismatch
         The motion in the file differs from the motion in the recording.
     """
-    sizes = readback_units(run)
+    sizes = recording_loader.readback_units(run)
     if run.data.table_file is None:
         if run.data.hold is not None:
             # The angles from a bench host are cumulative, even across outages.
@@ -170,13 +165,13 @@ def _read_table_file(run: RunBase[TurntableData], origin: Fraction | None) -> Re
     assert data.table_file is not None
     si_value(f"1 {data.table_time_unit}", "s", f"{run.path}: [data] table_time_unit")
     columns = Columns(
-        channels=readback_fields(run),
+        channels=recording_loader.readback_fields(run),
         time=str(data.table_time),
         time_unit=data.table_time_unit if "table_time_unit" in data.model_fields_set else None,
         time_keys=("table_time_unit", None),
         origin=Fraction(0) if origin is None else origin,
         nonfinite=data.nonfinite,
-        options=file_reader_options(run, data.table_file),
+        options=recording_loader.file_reader_options(run, data.table_file),
     )
     with error_location(f"{run.path}: {_KEY}", key=_KEY):
         return read_readback(run.file(data.table_file), columns)
@@ -260,12 +255,9 @@ def without_waits(
         return read, SoakWaits()
     original = np.arange(labels.size) if recording.original is None else recording.original
     shorter = replace(
-        recording,
-        time=recording.time[kept],
-        data=recording.data[kept],
-        labels=labels[kept],
-        temperature=kelvin[kept],
-        readback={name: values[kept] for name, values in recording.readback.items()},
+        recording.take(kept),
+        first_row=recording.first_row,
+        line_breaks=recording.line_breaks,
         original=original[kept],
         # The sample numbers in these findings refer to the whole recording.
         findings=tuple(replace(one, start=None, stop=None) for one in recording.findings),

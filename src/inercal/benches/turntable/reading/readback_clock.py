@@ -266,7 +266,8 @@ def _search(table: WindowedRates, gyros: WindowedRates) -> Array | None:
         t = np.arange(first - _PAUSE, last + _PAUSE, _GRID)
         seen = np.asarray(np.interp(t, table.time, speed), dtype=float)
         tried = lates[-1] + np.arange(-reach, reach + _GRID, _GRID)
-        miss = [_signal_mismatch(gyros.time, size, t - late, seen) for late in tried.tolist()]
+        shifted: list[Array] = [np.interp(t - late, gyros.time, size) for late in tried.tolist()]
+        miss = [float(np.linalg.norm(one - seen)) for one in shifted]
         middles.append(middle)
         lates.append(float(tried[np.argmin(miss)]))
     if len(middles) < 4:
@@ -280,11 +281,6 @@ def _motions_coincide(table: WindowedRates, gyros: WindowedRates, late: Array) -
     said = gyros.time + late[1] + late[0] * gyros.time
     speeds = [np.linalg.norm(one.rate, axis=-1) for one in (_resample_rates(table, said), gyros)]
     return float(np.corrcoef(*speeds)[0, 1]) > _ALIKE_SPEEDS
-
-
-def _signal_mismatch(time: Array, size: Array, at: Array, seen: Array) -> float:
-    """Return the norm of the difference between `seen` and a signal interpolated to `at`."""
-    return float(np.linalg.norm(np.interp(at, time, size) - seen))
 
 
 def _fit_line(found: LocalOffsets) -> tuple[Array, Array]:

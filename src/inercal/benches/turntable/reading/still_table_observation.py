@@ -13,11 +13,11 @@ from typing import Any, cast
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices, true_ranges
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_count, format_duration, format_quantity
 from inercal.benches.turntable.attitude import reference_attitude
+from inercal.benches.turntable.bench import StillTable
 from inercal.benches.turntable.settings import TurntableData
-from inercal.benches.turntable.still_table import StillTable
 from inercal.physics.plan import Hold, Position
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
@@ -47,7 +47,8 @@ def observe_without_angles(run: RunBase[TurntableData]) -> EstimatorInput:
         The data are means or have marks, the noise is not stated, or the recording is clipped,
         begins or ends in a turn, has a gap in a turn, or has fewer than six rests.
     """
-    _require_samples(run)
+    with error_location(run.path):
+        _require_samples(run)
     bench = StillTable.from_turntable(run.bench)
     sensor = run.sensor
     recording = load_recording(replace(cast(Any, run), bench=bench))
@@ -100,26 +101,19 @@ def _require_samples(run: RunBase[TurntableData]) -> None:
         raise key_error(
             "[data] kind",
             f"method {run.method.name} integrates samples through turns; give a recording",
-            run.path,
         )
-    unused = ["seconds"] if run.data.seconds is not None else []
-    unused += ["marks"] if run.data.marks != "found" else []
-    if unused:
-        key, reason = unused[0], "finds rests with the gyros"
-        raise key_error(
-            f"[data] {key}", f"method {run.method.name} {reason}; remove {key}", run.path
-        )
+    if run.data.seconds is not None or run.data.marks != "found":
+        key = "marks" if run.data.seconds is None else "seconds"
+        text = f"method {run.method.name} finds rests with the gyros; remove {key}"
+        raise key_error(f"[data] {key}", text)
     if {axis.measures for axis in run.sensor.axes} != {"f", "w"}:
-        raise key_error(
-            "[sensor.gyro]", "is missing: gyros must carry the attitude between rests", run.path
-        )
+        raise key_error("[sensor.gyro]", "is missing: gyros must carry the attitude between rests")
     for axis in run.sensor.axes:
         if not axis.noise.white > 0:
             section = "accelerometer" if axis.measures == "f" else "gyro"
             raise key_error(
                 f"[sensor.{section}] white",
                 "rests and turns are weighted by the noise density; state it",
-                run.path,
             )
 
 

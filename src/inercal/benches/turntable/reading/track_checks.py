@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_count, format_duration, format_quantity
-from inercal.benches.column_orders import identity_permutation
+from inercal.benches.stated_axes import identity_permutation
 from inercal.benches.turntable.attitude import motion, reference_attitude
 from inercal.benches.turntable.bench import MAX_GAP_SECONDS as WITHOUT
 from inercal.benches.turntable.bench import Turntable
@@ -93,10 +93,11 @@ def check_track(
     for index in np.ndindex(track.reading.shape[:-2]):
         one = track.trial(*index)
         result = block_means(one, sensor)
-        _require_motion(where, one, result)
-        odd = odd or _check_gravity_norm(where, result, sensor, bench)
-        _require_rate_ratio(where, result.subsample(), sensor, bench, columns)
-        _require_axes(where, result.subsample(), sensor, bench, columns)
+        with error_location(where):
+            _require_motion(one, result)
+            odd = odd or _check_gravity_norm(result, sensor, bench)
+            _require_rate_ratio(result.subsample(), sensor, bench, columns)
+            _require_axes(result.subsample(), sensor, bench, columns)
         few = few or (
             *_attitude_findings(one, sensor, bench),
             *_turn_findings(result, sensor, bench),
@@ -111,19 +112,19 @@ def _rate_beyond_bias(made: BlockMeans) -> Array:
     return np.linalg.norm(w - bias, axis=-1)
 
 
-def _require_motion(where: str, track: Track, made: BlockMeans) -> None:
+def _require_motion(track: Track, made: BlockMeans) -> None:
     if np.ptp(track.angles, axis=0).max() > _STILL:
         return
     gyros = made.readings["w"]
     fastest = float(np.percentile(_rate_beyond_bias(made), 99)) if gyros.size else 0.0
     if fastest > _TURNS:
         raise InputError(
-            f"{where}: the readback does not change while the gyros measure {degrees(fastest):.3g} "
+            f"the readback does not change while the gyros measure {degrees(fastest):.3g} "
             "°/s: check the readback's columns and unit",
             key="[data] table",
         )
     raise InputError(
-        f"{where}: according to its readback the table never moved; check [data] table, or record "
+        "according to its readback the table never moved; check [data] table, or record "
         "holds in several attitudes and turns about all axes"
     )
 
@@ -134,16 +135,14 @@ def _is_triad(sensor: Sensor, kind: Measures) -> bool:
     return len(axes) == len("xyz") and np.allclose(axes @ axes.T, np.eye(3))
 
 
-def _check_gravity_norm(
-    where: str, made: BlockMeans, sensor: Sensor, bench: Turntable
-) -> tuple[Finding, ...]:
+def _check_gravity_norm(made: BlockMeans, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
     """Refuse accelerometers if their norm at rest is far from g, and warn if it is not near g."""
     if not _is_triad(sensor, "f") or not made.is_still.any():
         return ()
     times = _size_at_rest(made.readings["f"][made.is_still]) / bench.gravity.value
     if not _WEIGHT[0] < times < _WEIGHT[1]:
         raise InputError(
-            f"{where}: [data] accelerometer: at rest the readings' norm is {times:.3g} times "
+            f"[data] accelerometer: at rest the readings' norm is {times:.3g} times "
             f"gravity, {bench.gravity.value:.4g} m/s²; check the unit and the scale in "
             "[sensor.accelerometer]",
             key="[data] accelerometer",
@@ -173,7 +172,7 @@ def _size_at_rest(force: Array) -> float:
 
 
 def _require_rate_ratio(
-    where: str, made: BlockMeans, sensor: Sensor, bench: Turntable, columns: ColumnNames
+    made: BlockMeans, sensor: Sensor, bench: Turntable, columns: ColumnNames
 ) -> None:
     """Refuse a readback whose rates differ in size from the rates that the gyros measure."""
     if not _is_triad(sensor, "w"):
@@ -187,7 +186,7 @@ def _require_rate_ratio(
     if len(off) < len(by) or not alike:
         text = ", ".join(f"{columns.readback[k]} {times:.3g}" for k, times in by.items())
         raise InputError(
-            f"{where}: while one axis of the table turns, the gyros measure these multiples of the "
+            "while one axis of the table turns, the gyros measure these multiples of the "
             f"readback's rate: {text}; check the unit of each readback column and the gyros' "
             "scales",
             key="[data] table",
@@ -199,7 +198,7 @@ def _require_rate_ratio(
         fit = moments(bench, sensor, made, identity_permutation(len(bench.axes)), factor).get("f")
         return fit is not None and fit.cost() <= MAX_SOUND_COST
 
-    text = f"{where}: the gyros read {times:.4g} times the rate of the readback"
+    text = f"the gyros read {times:.4g} times the rate of the readback"
     scales = (
         "check the unit and the scale in [sensor.gyro], and [data] time or rate: "
         f"{describe_sampling(made.time, made.step)}"
@@ -250,9 +249,7 @@ def _describe_unit_error(times: float, large: str, small: str) -> str:
     return ""
 
 
-def _require_axes(
-    where: str, made: BlockMeans, sensor: Sensor, bench: Turntable, columns: ColumnNames
-) -> None:
+def _require_axes(made: BlockMeans, sensor: Sensor, bench: Turntable, columns: ColumnNames) -> None:
     """Refuse columns that are exchanged or reversed, and axes with another scale."""
     by = moments(bench, sensor, made, identity_permutation(len(bench.axes)))
     off = {kind: m for kind, m in by.items() if m.cost() > MAX_SOUND_COST}
@@ -269,9 +266,7 @@ def _require_axes(
     if remedies:
         best = [keys for _, keys in sorted(remedies)[:2]]
         ways = "; or they fit with ".join(" and ".join(keys) for keys in best)
-        raise InputError(
-            f"{where}: readings and readback do not agree; they fit with {ways}", names=best[0]
-        )
+        raise InputError(f"readings and readback do not agree; they fit with {ways}", names=best[0])
     names_of = {"f": columns.accelerometer, "w": columns.gyro}
     factors: list[str] = []
     for kind, m in off.items():
@@ -279,7 +274,7 @@ def _require_axes(
         pairs = zip(names, m.factors().tolist(), strict=True)
         factors.append(f"[data] {key}: " + ", ".join(f"{n} {x:.3g}" for n, x in pairs))
     raise InputError(
-        f"{where}: readings and readback do not agree in any order or sign of their columns; "
+        f"readings and readback do not agree in any order or sign of their columns; "
         f"their changes are these multiples of the expected ones: {'; '.join(factors)}; check the "
         "columns, the scales and the zero of the table's angles"
     )

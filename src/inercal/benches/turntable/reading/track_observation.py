@@ -8,7 +8,7 @@ from math import degrees, pi, radians
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
-from inercal.basics.errors import InputError
+from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_duration, format_quantity
 from inercal.benches.turntable.bench import (
     COARSE_REST_SECONDS,
@@ -19,11 +19,11 @@ from inercal.benches.turntable.bench import (
 )
 from inercal.benches.turntable.reading import sample_checks
 from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
-from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
 from inercal.benches.turntable.reading.gyro_comparison import gyro_comparison_findings
 from inercal.benches.turntable.reading.host_readback import Interruption
 from inercal.benches.turntable.reading.implied_rates import (
     RateRegression,
+    check_earth_rate,
     fit_track_rates,
     rate_vectors,
 )
@@ -46,13 +46,7 @@ from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
 from inercal.physics.plan import Position, Rotation, TableStep
 from inercal.physics.section_settings import key_error
 from inercal.recordings import AngleQuality, Finding, Mark, Recording, Track
-from inercal.recordings.data import EstimatorInput, RunBase
-from inercal.recordings.data.recording_loader import (
-    load_recording,
-    readback_columns,
-    readback_units,
-    require_distinct_columns,
-)
+from inercal.recordings.data import EstimatorInput, RunBase, recording_loader
 from inercal.recordings.segments import average_sections
 from inercal.recordings.segments.turntable_segments import (
     AxisTurn,
@@ -83,10 +77,13 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
             "[data] sample", f"{run.method.name} needs instantaneous readings; remove it", run.path
         )
     bench: Turntable = run.bench
-    _require_track(run)
-    require_distinct_columns(run, *(str(c) for c in (run.data.table_time,) if c is not None))
+    with error_location(run.path):
+        _require_track(run)
+    recording_loader.require_distinct_columns(
+        run, *(str(c) for c in (run.data.table_time,) if c is not None)
+    )
     _require_small_latency(run, bench)
-    recording = load_recording(run)
+    recording = recording_loader.load_recording(run)
     try:
         read = add_table_angles(run, recording, bench)
     except ClockMismatch as error:
@@ -96,13 +93,14 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
     read, soaks = without_waits(read, run.environment)
     recording, bench = read.recording, read.bench
     angles = np.stack([recording.readback[name] for name in bench.names], axis=-1)
-    named = tuple(readback_columns(run)[name] for name in bench.names)
+    named = tuple(recording_loader.readback_columns(run)[name] for name in bench.names)
     if read.clock is None:
-        size = abs(readback_units(run)[bench.names[0]])
+        size = abs(recording_loader.readback_units(run)[bench.names[0]])
         sample_checks.require_angle_unit(str(run.path), angles / size, size, named)
         sample_checks.require_readback(str(run.path), recording, angles, named)
     if HOLD_COLUMN in recording.readback:
-        holds = _numbered_holds(run, recording)
+        with error_location(run.path):
+            holds = _numbered_holds(run, recording)
     else:
         holds = find_holds(recording.time, angles, recording.labels, settling_time(bench))
     if not len(holds):
@@ -235,16 +233,12 @@ def _require_track(run: RunBase[TurntableData]) -> None:
     """Refuse keys for other benches, because filters follow the samples of one recording."""
     if run.data.kind == "means":
         raise key_error(
-            "[data] kind",
-            "the filters on a turntable need samples, not means; give a recording",
-            run.path,
+            "[data] kind", "the filters on a turntable need samples, not means; give a recording"
         )
     if run.data.seconds is not None or run.data.marks != "found":
         key = "marks" if run.data.seconds is None else "seconds"
         raise key_error(
-            f"[data] {key}",
-            "holds of a turntable are detected in its readback; remove the key",
-            run.path,
+            f"[data] {key}", "holds of a turntable are detected in its readback; remove the key"
         )
 
 
@@ -275,7 +269,6 @@ def _numbered_holds(run: RunBase[TurntableData], recording: Recording) -> Indice
             "[data] hold",
             f"{recording.where(k)} has {number[k]:.6g}; the number of a hold must be whole, and "
             "negative while the table moves",
-            run.path,
         )
     holds = holds_from_numbers(recording.time, number)
     if not len(holds):
@@ -283,7 +276,6 @@ def _numbered_holds(run: RunBase[TurntableData], recording: Recording) -> Indice
             "[data] hold",
             f"column {run.data.hold!r} has no hold number, 0 or more; number the holds, or remove "
             "the key",
-            run.path,
         )
     return holds
 
