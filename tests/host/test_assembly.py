@@ -83,7 +83,7 @@ def test_the_samples_are_the_same_however_they_are_taken(
         for name, one, two in zip(SampleBlock._fields[:-1], block[:-1], parts[:-1], strict=True):
             assert one.tobytes() == two.tobytes(), name
         assert other.tally == made.tally
-        assert other.sections == made.sections
+        assert other.sections.spans == made.sections.spans
 
 
 def test_every_good_packet_is_a_sample_once(
@@ -157,8 +157,8 @@ def test_a_hold_that_is_void_keeps_its_number_and_loses_its_label(
     whole: tuple[SampleAssembler, SampleBlock],
 ):
     made, block = whole
-    labels = made.labels(block.table)
-    away = [one for one in made.sections if one.number == 1]
+    labels = made.sections.labels(block.table)
+    away = [one for one in made.sections.spans if one.number == 1]
     assert [one.state for one in away] == ["void", "done"]
     assert [one.label for one in away] == ["up", "up"]
     void, again = away
@@ -173,7 +173,7 @@ def test_a_hold_that_is_void_keeps_its_number_and_loses_its_label(
     settling = 0.25 + 2 * 5e-3
     for number in range(5):
         span = block.table[block.hold == number]
-        section = [s for s in made.sections if s.start_time <= span[0] <= s.end_time]
+        section = [s for s in made.sections.spans if s.start_time <= span[0] <= s.end_time]
         assert len(section) == 1
         assert span[0] - section[0].start_time == pytest.approx(settling, abs=0.03)
         assert section[0].end_time - span[-1] == pytest.approx(settling, abs=0.03)
@@ -186,7 +186,7 @@ def test_a_first_rest_that_was_interrupted_is_left_out_of_the_recording(run: Run
     bench = Bench(run, seed=6, faults=faults)
     logged = bench.frames()
     made, block = taken(run, logged)
-    first = [one for one in made.sections if one.number == 0]
+    first = [one for one in made.sections.spans if one.number == 0]
     assert [one.state for one in first] == ["void", "done"]
     assert block.time[0] == 0
     assert block.table[0] == pytest.approx(first[1].start_time, abs=0.02)
@@ -201,8 +201,8 @@ def test_a_first_rest_that_was_interrupted_is_left_out_of_the_recording(run: Run
 def test_a_first_rest_of_twenty_seconds_is_enough(run: Run):
     bench = Bench(run, seed=6, faults=Faults(outages=((24.5, 30.0),)))
     made, block = taken(run, bench.frames())
-    assert block.table[0] == pytest.approx(made.sections[0].start_time, abs=0.02)
-    assert made.sections[0].state == "void"
+    assert block.table[0] == pytest.approx(made.sections.spans[0].start_time, abs=0.02)
+    assert made.sections.spans[0].state == "void"
 
 
 def test_a_gap_in_a_hold_begins_another(run: Run):

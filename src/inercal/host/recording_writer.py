@@ -227,7 +227,7 @@ def _interruptions(assembly: SampleAssembler) -> list[host_readback.Interruption
     begin = assembly.recording_start or 0.0
     return [
         host_readback.Interruption(one.start - begin, one.stop - begin, "; ".join(one.causes))
-        for one in assembly.interruptions
+        for one in assembly.interruptions.spans
         if one.start > begin
     ]
 
@@ -251,7 +251,7 @@ def _recording_columns(
         str(data.time): np.concatenate([one.time for one in blocks]),
         **{str(name): output[:, k] for k, name in enumerate(names)},
         **{name: said[:, k] for k, name in enumerate(of_table)},
-        str(data.row): assembly.labels(table),
+        str(data.row): assembly.sections.labels(table),
     }
     if (hold := getattr(data, "hold", None)) is not None:
         columns[str(hold)] = np.concatenate([one.hold for one in blocks])

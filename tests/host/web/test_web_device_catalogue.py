@@ -172,7 +172,7 @@ def test_plans_that_are_none_are_listed_with_their_trouble(tmp_path: Path):
 
 def test_an_order_comes_through_as_it_was_given():
     order = RunRequest(
-        "/runs/a", "/plans/p.toml", "MIMU", "Ada", "t", "i", "c", "fixed", 7, 2.0, "r"
+        "/runs/a", "Ada", "t", "i", "c", "fixed", 7, "/plans/p.toml", "MIMU", 2.0, "r"
     )
     assert RunRequest.from_json(order.json_line) == order
     watched = replace(order, temperature=(288.15, 313.15), patience=30.0)

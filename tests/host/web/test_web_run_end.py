@@ -33,7 +33,7 @@ def order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunRequest:
     monkeypatch.setattr(worker, "precompile_run", lambda *_: None)
     return RunRequest(
         str(tmp_path / "run"),
-        str(files("inercal").joinpath("demo.toml")),
+        plan=str(files("inercal").joinpath("demo.toml")),
         table=f"pmac://{NOBODY}?motors=1,2,3&counts=3600000",
         imu=f"tcp://{NOBODY}?preset=fixed",
         register=str(tmp_path / "register.db"),

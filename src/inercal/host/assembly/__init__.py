@@ -21,7 +21,6 @@ from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
@@ -150,6 +149,10 @@ class SampleAssembler:
         The packets of the IMU.
     table : TablePolls or RatePolls
         The polls of the table.
+    sections : SectionTimeline
+        The sections so far, by the table's clock.
+    interruptions : InterruptionList
+        The interruptions so far.
 
     Raises
     ------
@@ -169,7 +172,7 @@ class SampleAssembler:
             TablePolls(poll, require_turntable(run)) if control.has_attitude else RatePolls(bench)
         )
         self._settling = control.settling(bench)
-        self._sections = section_timeline.SectionTimeline(self._settling)
+        self.sections = section_timeline.SectionTimeline(self._settling)
         # Size in SI of the unit of each axis' column in the recording; a negative size reverses the
         # sign.
         sizes = readback_units(run)
@@ -179,13 +182,8 @@ class SampleAssembler:
         self._imu_kind = imu_kind
         self._pending: list[LogFrame] = []
         self._attempt: int = 0
-        self._interruptions = section_timeline.InterruptionList()
+        self.interruptions = section_timeline.InterruptionList()
         self._start_recording()
-
-    @property
-    def sections(self) -> tuple[section_timeline.SectionSpan, ...]:
-        """The sections so far, by the table's clock."""
-        return tuple(replace(one) for one in self._sections.spans)
 
     @property
     def tally(self) -> SampleTally:
@@ -197,11 +195,6 @@ class SampleAssembler:
         )  # fmt: skip
 
     @property
-    def interruptions(self) -> tuple[section_timeline.InterruptionSpan, ...]:
-        """The interruptions, with their run times in s and causes."""
-        return tuple(replace(one) for one in self._interruptions.interruptions)
-
-    @property
     def offset(self) -> float | None:
         """The IMU's clock minus the table's clock, from arrival times, s; None while unknown."""
         if self.imu.offset is None or self.table.offset is None:
@@ -211,7 +204,7 @@ class SampleAssembler:
     @property
     def is_recording(self) -> bool:
         """Whether samples are produced: the clocks are related, and the recording has begun."""
-        return self.offset is not None and self._sections.start < np.inf
+        return self.offset is not None and self.sections.start < np.inf
 
     @property
     def recording_start(self) -> float | None:
@@ -258,7 +251,7 @@ class SampleAssembler:
         for kind, group in groupby(_sort_frames(pending), key=lambda one: one.kind):
             frames = list(group)
             if kind != EVENT:
-                self._interruptions.hear(max(frame.time for frame in frames))
+                self.interruptions.hear(max(frame.time for frame in frames))
             if kind == IMU:
                 self.imu.feed(frames)
             elif kind == TABLE:
@@ -268,22 +261,15 @@ class SampleAssembler:
                     self._process_event(frame)
         return self._block()
 
-    def labels(self, table: Array) -> NDArray[np.str_]:
-        """Return the labels at the table times of samples, (n,), as in `SampleBlock.table`.
-
-        The label is "" outside sections and in void sections.
-        """
-        return self._sections.labels(table)
-
     def _process_event(self, frame: LogFrame) -> None:
         event = _parse_event(frame)
-        self._interruptions.add_event(frame.time, event)
+        self.interruptions.add_event(frame.time, event)
         if event.get("cause") is not None:
             self.table.expect_stop()
         if event.get("what") == "section":
-            self._sections.add_event(event, self.table.wrap_offset)
+            self.sections.add_event(event, self.table.wrap_offset)
         elif event.get("what") == "session":
-            self._sections.begin_session(int(event.get("next", 0)), self.table.last)
+            self.sections.begin_session(int(event.get("next", 0)), self.table.last)
             self.imu.begin_session()
             wraps = event.get("wraps")
             self.table.begin_session(np.inf if wraps is None else float(wraps))
@@ -298,14 +284,14 @@ class SampleAssembler:
         offset, imu = self.offset, self.imu
         if offset is None:
             return None
-        if self._sections.attempt != self._attempt:
-            self._attempt = self._sections.attempt
+        if self.sections.attempt != self._attempt:
+            self._attempt = self.sections.attempt
             self._start_recording()
         samples = self._ready_samples(self.table.complete_until - self._settling, offset)
         if samples is None:
             return None
         table = samples.ticks / imu.per_second - offset
-        late = table >= self._sections.start
+        late = table >= self.sections.start
         angles, quality, there = self.table.readback(table)
         self.table.discard_old(float(table[-1]))
         if not self._records_angles:  # samples are valid even if the table was not polled
@@ -351,7 +337,7 @@ class SampleAssembler:
 
     def _hold_numbers(self, table: Array, time: Array) -> Indices:
         """Return the number of the hold to which each sample belongs."""
-        section = self._sections.hold_indices(table)
+        section = self.sections.hold_indices(table)
         held = np.flatnonzero(section >= 0)
         number = np.full(table.size, -1, np.int64)
         if held.size:

@@ -289,8 +289,8 @@ class Hub:
         with_imu = asked.get("with_imu") is True
         table, imu, clock, simulated = chosen
         order = run_request.ManualRequest(
-            str(folder.absolute()), str(plan.path.absolute()), self.people.operator or "", table,
-            imu if with_imu else "", clock, simulated, crc32(folder.name.encode()), with_imu,
+            str(folder.absolute()), self.people.operator or "", table, imu if with_imu else "",
+            clock, simulated, crc32(folder.name.encode()), with_imu, plan=str(plan.path.absolute()),
         )  # fmt: skip
         self._launch(order)
 
@@ -331,11 +331,11 @@ class Hub:
             )
         return run_request.RunRequest(
             str(folder.absolute()),
-            None if plan is None else str(plan.absolute()),
-            sensor,
             self.people.operator or "",
             *chosen,
             crc32(folder.name.encode()),  # a different simulated bench for each run
+            None if plan is None else str(plan.absolute()),
+            sensor,
             self._options.speed,
             self._register,
             self._options.temperature,

@@ -7,7 +7,7 @@ import json
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -37,6 +37,15 @@ class ProcessRequest(ABC):
     ----------
     folder : str
         Folder to which the process writes.
+    requested_by : str
+        Name of the person who makes the request.
+    table, imu, clock : str
+        Addresses of the devices. For a run, an empty text means that the address has not changed;
+        for a session, that of the IMU is empty if it is not read.
+    simulated : str or None
+        Packet preset of the simulated bench; None for a real bench.
+    seed : int
+        Seed of the simulated bench, unless the run already has a seed.
 
     Attributes
     ----------
@@ -47,6 +56,12 @@ class ProcessRequest(ABC):
     worker: ClassVar[str]
 
     folder: str
+    requested_by: str = ""
+    table: str = ""
+    imu: str = ""
+    clock: str = ""
+    simulated: str | None = None
+    seed: int = 0
 
     @property
     def name(self) -> str:
@@ -92,20 +107,12 @@ class RunRequest(ProcessRequest):
 
     Parameters
     ----------
-    folder : str
-        Folder of the run.
+    folder, requested_by, table, imu, clock, simulated, seed
+        See `ProcessRequest`.
     plan : str or None
         Path of the run file; None means that the run in the folder is resumed.
     sensor : str or None
         Name of the sensor, if it differs from the name in the run file.
-    requested_by : str
-        Name of the person who requests the run.
-    table, imu, clock : str
-        Addresses of the devices; an empty text means that the address has not changed.
-    simulated : str or None
-        Packet preset of the simulated bench; None for a real bench.
-    seed : int
-        Seed of the simulated bench, unless the run already has a seed.
     speed : float or None
         Highest speed of the simulated bench, in bench seconds per second of wall time.
     register : str or None
@@ -124,12 +131,6 @@ class RunRequest(ProcessRequest):
 
     plan: str | None = None
     sensor: str | None = None
-    requested_by: str = ""
-    table: str = ""
-    imu: str = ""
-    clock: str = ""
-    simulated: str | None = None
-    seed: int = 0
     speed: float | None = None
     register: str | None = None
     temperature: tuple[float, float] | None = None
@@ -171,32 +172,18 @@ class ManualRequest(ProcessRequest):
 
     Parameters
     ----------
-    folder : str
-        Folder of the session.
+    folder, requested_by, table, imu, clock, simulated, seed
+        See `ProcessRequest`.
     plan : str
         Path of the run file. Its [bench] states the axes and their limits; its plan is not
         executed.
-    requested_by : str
-        Name of the person who requests the session.
-    table, imu, clock : str
-        Addresses of the devices; the IMU's address is empty if the IMU is not read.
-    simulated : str or None
-        Packet preset of the simulated bench; None for a real bench.
-    seed : int
-        Seed of the simulated bench.
     with_imu : bool
         Whether the IMU is read; this also applies to a simulated bench.
     """
 
     worker = "inercal.host.web.manual_worker"
 
-    plan: str
-    requested_by: str = ""
-    table: str = ""
-    imu: str = ""
-    clock: str = ""
-    simulated: str | None = None
-    seed: int = 0
+    plan: str = field(kw_only=True)
     with_imu: bool = False
 
     @property
