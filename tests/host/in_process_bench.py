@@ -109,7 +109,7 @@ class InProcessBench:
         self.time += seconds
         table = self.device.controller.table
         first = table.cycle + 1
-        self._feel(self.time, first, table.advance_array(self.time))
+        self._feel(self.time, first, table.advance(self.time))
 
     def monotonic(self) -> float:
         return _HOST_START + self.time

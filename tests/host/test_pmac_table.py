@@ -30,14 +30,15 @@ def _tell(server: Served, line: str) -> None:
 
 def test_a_move_keeps_its_limits_and_ends_in_position(pmac: Served, table: Pmac):
     table.move("inner", radians(90), radians(30), radians(20))
-    motion = pmac.advance(1.0)
+    motion = pmac.device.table.advance(1.0)
+    pmac.advance(1.0)
     assert table.read().axes[2].moving
-    rest = pmac.advance(10.0)
+    rest = pmac.device.table.advance(10.0)
+    pmac.advance(10.0)
     state = table.read().axes[2]
     assert state.settled
     assert state.angle == pytest.approx(radians(90), abs=2 * COUNT)
-    rate = np.concatenate([motion.rate[:, 2], rest.rate[:, 2]])
-    turning = np.concatenate([motion.acceleration[:, 2], rest.acceleration[:, 2]])
+    _, rate, turning = np.concatenate([motion, rest])[:, 2].T
     # The servo overshoots a little; the profile itself keeps the limits (test_dynamics).
     assert np.max(np.abs(rate)) == pytest.approx(radians(30), rel=0.02)
     assert np.max(np.abs(turning)) <= 1.3 * radians(20)

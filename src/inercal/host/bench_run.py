@@ -38,7 +38,7 @@ from inercal.host.interlocks import MAX_CHECK_INTERVAL, Interlocks, LastChecks, 
 from inercal.host.interruptions import Interruptions
 from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
-from inercal.host.plan_check import require_feasible_plan, require_thermometer
+from inercal.host.preparation import require_feasible_plan, require_thermometer
 from inercal.host.recorder import PIECE_MAX, RunRecorder
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import IMU, TABLE
@@ -427,7 +427,7 @@ class BenchRun:
             return
         if (mismatch := self.recorder.assembly.imu.mismatch) is not None:
             self._imu.set_trouble(mismatch, self.time)
-        packets = self.recorder.assembly.tally.bytes.packets
+        packets = self.recorder.assembly.imu.counts.packets
         if packets > self._packets[0] or not self._imu.is_receiving:
             self._packets = packets, self.time
         elif self.time - self._packets[1] > _PACKET_TIMEOUT:

@@ -16,8 +16,7 @@ from websockets.exceptions import InvalidStatus
 
 from inercal.calibration.files import load
 from inercal.host.journal import Journal
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import RunRequest
+from inercal.host.web.run_request import RunProcess, RunRequest
 from inercal.laboratory.store import Register
 from inercal.physics.sensors import G0
 from inercal.pipeline import calibrate

@@ -15,8 +15,8 @@ from inercal.host.tasks import RunOptions
 from inercal.host.web import device_catalogue
 from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
+from inercal.host.web.folders import Plans
 from inercal.host.web.json_objects import RefusalHandler, RefusalLog
-from inercal.host.web.plans import Plans
 from inercal.host.web.run_request import (
     RunRequest,
     SimulationRequest,

@@ -15,8 +15,7 @@ from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Served
 
 from inercal.calibration import Calibration
 from inercal.calibration.files import load
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import RunRequest
+from inercal.host.web.run_request import RunProcess, RunRequest
 from inercal.methods import METHODS
 from inercal.pipeline import calibrate
 from inercal.runfile import read

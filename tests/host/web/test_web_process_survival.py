@@ -15,8 +15,7 @@ from tests.host.simulated_runs import INERCAL, SHORT, plan, quick
 from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Page, Served, opened
 
 from inercal.host.journal import Journal
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import RunRequest, run_in_progress
+from inercal.host.web.run_request import RunProcess, RunRequest, run_in_progress
 from inercal.laboratory.store import Register
 
 pytestmark = pytest.mark.slow

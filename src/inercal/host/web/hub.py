@@ -13,6 +13,14 @@ from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseComm
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
 from inercal.host.web import run_request, viewers
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
+from inercal.host.web.folders import (
+    Plan,
+    Plans,
+    Runs,
+    StoredRun,
+    filter_changes,
+    require_filter_changes,
+)
 from inercal.host.web.interface import COMMANDS
 from inercal.host.web.json_objects import (
     JsonObject,
@@ -21,9 +29,7 @@ from inercal.host.web.json_objects import (
     printable_line,
 )
 from inercal.host.web.message_history import MessageHistory, ReceivedMessage, is_alarm
-from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_changes
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.runs import Runs, StoredRun
+from inercal.host.web.run_request import RunProcess
 
 _MAX_NAME = 80  # largest number of characters of a sensor's name
 _EXIT_TIMEOUT = 15.0  # s; a process must exit in this time after its end message

@@ -230,7 +230,7 @@ def _state_message(session: ManualSession) -> dict[str, Any]:
         "table": None if state is None else {"axes": [axis_fields(axis) for axis in axes]},
         # These counts are omitted, because no sample is stored and angles are unknown before
         # homing.
-        "imu": None if session.imu is None else imu_fields(session.imu.assembly.tally.bytes),
+        "imu": None if session.imu is None else imu_fields(session.imu.assembly.imu.counts),
         "live": "none",
         "attitude": None,
         "manual": [
