@@ -18,10 +18,11 @@ from contextlib import ExitStack
 from functools import partial
 from math import degrees, inf, nan
 from time import monotonic, sleep
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 
+from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InercalError, InputError
 from inercal.benches.motion_control import SpinTask
 from inercal.benches.turntable import require_turntable
@@ -65,7 +66,7 @@ _DATING_TIMEOUT = 10.0  # s; the first packets of a resumed run must be dated wi
 _GRACE = 5.0  # s in addition to the deceleration time
 
 
-class BenchRun:
+class BenchRun(Closeable):
     """A new or resumed run. At the end of its `with` block, the table is at rest.
 
     Parameters
@@ -497,10 +498,8 @@ class BenchRun:
     def _say(self, level: Literal["info", "warning", "alarm"], words: str) -> None:
         self.recorder.record_message(self.time, level, words)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Leave the table at rest, and close all connections."""
         try:
             driver = self._table_driver
             driver.leave(self._clock, self._interruptions.add, at_rest=driver.at_rest)

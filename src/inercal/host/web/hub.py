@@ -11,16 +11,8 @@ from zlib import crc32
 from inercal.basics.errors import InputError
 from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
-from inercal.host.web import run_request, viewers
+from inercal.host.web import folders, run_request, viewers
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
-from inercal.host.web.folders import (
-    Plan,
-    Plans,
-    Runs,
-    StoredRun,
-    filter_changes,
-    require_filter_changes,
-)
 from inercal.host.web.interface import COMMANDS
 from inercal.host.web.json_objects import (
     JsonObject,
@@ -60,8 +52,8 @@ class Hub:
 
     def __init__(
         self,
-        plans: Plans,
-        runs: Runs,
+        plans: folders.Plans,
+        runs: folders.Runs,
         choice: DeviceCatalogue,
         register: str | None = None,
         options: RunOptions = DEFAULT_OPTIONS,
@@ -163,7 +155,8 @@ class Hub:
                         "the run is still active; stop it, or wait until it has ended, before you "
                         "close its view"
                     )
-                self._dismiss_run()
+                self._history = None
+                self._broadcast("idle", _message_text("idle"))
             case "note":
                 text = printable_line(asked.get("text"), _MAX_NOTE)
                 if text is None:
@@ -235,7 +228,7 @@ class Hub:
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(self._stop_executor, self.runs.stop, name)
 
-    async def require_no_active_run(self) -> Mapping[str, StoredRun]:
+    async def require_no_active_run(self) -> Mapping[str, folders.StoredRun]:
         """Return the stored runs.
 
         Raises
@@ -265,7 +258,7 @@ class Hub:
         if self._relay_task is not None:
             await asyncio.wait([self._relay_task], timeout=patience)
 
-    async def _choose(self, asked: JsonObject) -> tuple[ChosenDevices, Plan]:
+    async def _choose(self, asked: JsonObject) -> tuple[ChosenDevices, folders.Plan]:
         """Return the devices and the plan in a request, after checking that nothing is active."""
         chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
         plan = await asyncio.to_thread(self.plans.get, asked.get("plan"))
@@ -282,7 +275,8 @@ class Hub:
     async def _start_run(self, asked: JsonObject) -> None:
         """Start a run as requested."""
         chosen, plan = await self._choose(asked)
-        await asyncio.to_thread(require_filter_changes, plan, filter_changes(asked.get("filter")))
+        changes = folders.filter_changes(asked.get("filter"))
+        await asyncio.to_thread(folders.require_filter_changes, plan, changes)
         self.runs.require_room(plan.summary["bytes"])
         self._launch(
             self._run_request(self.runs.new_folder(plan.path.stem), chosen, asked, plan.path)
@@ -315,7 +309,7 @@ class Hub:
         chosen = ChosenDevices("", "") if as_before else self.choice.chosen(table, imu)
         self._launch(self._run_request(run.path, chosen, asked, None))
 
-    async def _require_idle(self) -> Mapping[str, StoredRun]:
+    async def _require_idle(self) -> Mapping[str, folders.StoredRun]:
         """Return the stored runs, after checking that no run and no probe is active."""
         if self._end_published:
             await self.wait_until_idle(_EXIT_TIMEOUT)
@@ -347,7 +341,7 @@ class Hub:
             self._options.temperature,
             self._options.patience,
             ambient_temperature(asked.get("ambient")),
-            None if plan is None else filter_changes(asked.get("filter")),
+            None if plan is None else folders.filter_changes(asked.get("filter")),
         )
 
     def _launch(self, order: run_request.ProcessRequest) -> None:
@@ -382,10 +376,6 @@ class Hub:
             )
             kept.add_message("done", text)
             self._broadcast("done", text)
-
-    def _dismiss_run(self) -> None:
-        self._history = None
-        self._broadcast("idle", _message_text("idle"))
 
     def _broadcast(self, kind: str, text: str) -> None:
         urgent = kind != "event" or is_alarm(text)
