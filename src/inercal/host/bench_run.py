@@ -345,7 +345,7 @@ class BenchRun(Closeable):
         if self.sequencer.is_over or self._before_start:
             return
         words = self._interlocks.check(state, self.time, temperature=self.recorder.temperature)
-        words = words or self._table_driver.check_commanded(
+        words = words or self._table_driver.commanded_motion.check(
             state, hands_on=self.mounting_request is not None
         )
         self._last_checks.record("table", self.time)

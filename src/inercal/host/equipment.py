@@ -18,7 +18,7 @@ from typing import NamedTuple, Protocol
 from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InercalError, InputError
 from inercal.basics.registry import Registry
-from inercal.host.link import Connection
+from inercal.host.link import DeviceConnection
 
 
 class Reading(NamedTuple):
@@ -28,7 +28,7 @@ class Reading(NamedTuple):
     unit: str
 
 
-class Instrument(Connection, Protocol):
+class Instrument(DeviceConnection, Protocol):
     """An instrument that measures one quantity; a reading after a lost connection reconnects."""
 
     def identity(self) -> str:
@@ -59,7 +59,7 @@ class ChamberState:
     alarms: tuple[str, ...] = ()
 
 
-class Chamber(Connection, Protocol):
+class Chamber(DeviceConnection, Protocol):
     """A temperature chamber; `close` leaves it as it is, so `stop` it first."""
 
     def set_temperature(self, temperature: float) -> None:

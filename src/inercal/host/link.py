@@ -38,7 +38,7 @@ class LinkLost(InercalError):
         return cls(f"{address}: {text}", names=(address,))
 
 
-class Connection(Protocol):
+class DeviceConnection(Protocol):
     """A connection to a device, which is closed at the end of its `with` block."""
 
     def close(self) -> None:
@@ -50,7 +50,7 @@ class Connection(Protocol):
     def __exit__(self, *_: object) -> None: ...
 
 
-class Link(Connection, Protocol):
+class Link(DeviceConnection, Protocol):
     """A stream of bytes in both directions."""
 
     address: str

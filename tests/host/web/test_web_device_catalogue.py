@@ -172,18 +172,18 @@ def test_plans_that_are_none_are_listed_with_their_trouble(tmp_path: Path):
 
 def test_an_order_comes_through_as_it_was_given():
     order = RunRequest(
-        "/runs/a", "Ada", "t", "i", "c", "fixed", 7, "/plans/p.toml", "MIMU", 2.0, "r"
+        "/runs/a", "Ada", "t", "i", "c", "fixed", 7, "/plans/p.toml", "MIMU", "r", RunOptions(2.0)
     )
     assert RunRequest.from_json(order.json_line) == order
-    watched = replace(order, temperature=(288.15, 313.15), patience=30.0)
+    watched = replace(order, options=RunOptions(2.0, (288.15, 313.15), 30.0))
     assert RunRequest.from_json(watched.json_line) == watched
-    assert watched.options == RunOptions(2.0, (288.15, 313.15), 30.0)
     for line in (
         "",
         "{}",
         "[1]",
         '{"folder": "x", "burn": 1}',
-        '{"folder": "x", "temperature": 3}',
+        '{"folder": "x", "options": 3}',
+        '{"folder": "x", "options": [null, 3, 120.0]}',
     ):
         with refused(key="request"):
             RunRequest.from_json(line)

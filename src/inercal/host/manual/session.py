@@ -411,7 +411,7 @@ class ManualSession(Closeable):
         if self._end_words:
             return
         words = self._interlocks.check(_without_free_axes(state), self.time)
-        if (words := words or self._driver.check_commanded(state)) is not None:
+        if (words := words or self._driver.commanded_motion.check(state)) is not None:
             self._alarm_end(words)
             return
         for i, axis in enumerate(state.axes):

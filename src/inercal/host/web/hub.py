@@ -336,10 +336,8 @@ class Hub:
             crc32(folder.name.encode()),  # a different simulated bench for each run
             None if plan is None else str(plan.absolute()),
             sensor,
-            self._options.speed,
             self._register,
-            self._options.temperature,
-            self._options.patience,
+            self._options,
             ambient_temperature(asked.get("ambient")),
             None if plan is None else folders.filter_changes(asked.get("filter")),
         )

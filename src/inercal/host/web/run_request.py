@@ -118,14 +118,9 @@ class RunRequest(ProcessRequest):
         Path of the run file; None means that the run in the folder is resumed.
     sensor : str or None
         Name of the sensor, if it differs from the name in the run file.
-    speed : float or None
-        Highest speed of the simulated bench, in bench seconds per second of wall time.
     register : str or None
         Address of the register.
-    temperature : (float, float) or None
-        Permitted temperature range of the IMU, K.
-    patience : float
-        Longest time without data from the IMU before the run ends, s.
+    options : RunOptions
     ambient : float or None
         Room temperature that the operator typed, °C.
     filter : mapping of str to str, optional
@@ -136,22 +131,15 @@ class RunRequest(ProcessRequest):
 
     plan: str | None = None
     sensor: str | None = None
-    speed: float | None = None
     register: str | None = None
-    temperature: tuple[float, float] | None = None
-    patience: float = DEFAULT_OPTIONS.patience
+    options: RunOptions = DEFAULT_OPTIONS
     ambient: float | None = None
     filter: Mapping[str, str] | None = None
 
     def __post_init__(self) -> None:
-        if self.temperature is not None:
-            low, high = self.temperature  # JSON has no tuples, only lists
-            object.__setattr__(self, "temperature", (low, high))
-
-    @property
-    def options(self) -> RunOptions:
-        """The operator's options for the run."""
-        return RunOptions(self.speed, self.temperature, self.patience)
+        speed, temperature, patience = self.options  # JSON has no tuples, only lists
+        options = RunOptions(speed, temperature and (temperature[0], temperature[1]), patience)
+        object.__setattr__(self, "options", options)
 
     @property
     def is_resumable(self) -> bool:

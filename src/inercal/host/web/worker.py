@@ -196,7 +196,7 @@ class RunController:
         self._compiled = True
         if order.plan is None:
             _advance_past_log(bench, self._folder)
-        if order.speed is None:
+        if order.options.speed is None:
             self._activity = bench.run_context()
         return bench.addresses
 
