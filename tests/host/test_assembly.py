@@ -14,6 +14,7 @@ from tests.refusals import refused
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.packets import read_layout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, read_frames
+from inercal.recordings import AngleQuality
 from inercal.runfile import Run
 
 ARCSEC = radians(1 / 3600)
@@ -54,8 +55,10 @@ def taken(
                 blocks.clear()
             blocks.append(block)
     assert blocks
-    columns = zip(*(one[:-1] for one in blocks), strict=True)
-    return made, SampleBlock(*(np.concatenate(column) for column in columns), starts_recording=True)
+    columns = zip(*(one[:-2] for one in blocks), strict=True)
+    quality = AngleQuality(*map(np.concatenate, zip(*(one.quality for one in blocks), strict=True)))
+    joined = map(np.concatenate, columns)
+    return made, SampleBlock(*joined, quality=quality, starts_recording=True)
 
 
 @pytest.fixture(scope="module")
@@ -80,8 +83,10 @@ def test_the_samples_are_the_same_however_they_are_taken(
     made, block = whole
     for cuts in schedules(logged):
         other, parts = taken(run, logged, cuts)
-        for name, one, two in zip(SampleBlock._fields[:-1], block[:-1], parts[:-1], strict=True):
-            assert one.tobytes() == two.tobytes(), name
+        for one, two in zip(
+            (*block[:-2], *block.quality), (*parts[:-2], *parts.quality), strict=True
+        ):
+            assert one.tobytes() == two.tobytes()
         assert (other.samples, other.imu.counts) == (made.samples, made.imu.counts)
         assert (other.imu.drops, other.table.drops) == (made.imu.drops, made.table.drops)
         assert other.sections.spans == made.sections.spans
