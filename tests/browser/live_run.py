@@ -10,8 +10,7 @@ from typing import Any
 
 from tests.browser import messages
 
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import RunRequest
+from inercal.host.web.run_request import RunProcess, RunRequest
 
 PAST = 100.0  # s of the run before anybody looks on
 _INTERVAL = 0.1  # s between two looks at the run, as of a real one

@@ -13,8 +13,7 @@ from tests.browser.live_run import LiveRun
 from tests.browser.page_actions import choose_plan, confirm_start, tab_to
 from tests.host.web.pages import Served
 
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import RunRequest, changed_run_file
+from inercal.host.web.run_request import RunProcess, RunRequest, changed_run_file
 from inercal.runfile import read
 
 pytestmark = pytest.mark.slow

@@ -19,8 +19,7 @@ from tests.browser.live_run import PAST, LiveRun
 from tests.browser.page_actions import choose_plan, confirm_start
 from tests.host.web.pages import SIMULATED, Served
 
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import RunRequest
+from inercal.host.web.run_request import RunProcess, RunRequest
 from inercal.host.web.viewers import OPERATOR_GRACE
 
 pytestmark = pytest.mark.slow

@@ -18,7 +18,7 @@ from tests.refusals import refused
 import inercal
 from inercal.host.bench_run import BenchRun
 from inercal.host.bench_simulator import BenchSimulator
-from inercal.host.precompilation import precompile_run
+from inercal.host.preparation import precompile_run
 from inercal.host.run_execution import finish_run
 from inercal.host.run_folder import create_run
 from inercal.pipeline import Outcome, calibrate, simulate_files

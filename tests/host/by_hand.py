@@ -10,9 +10,10 @@ from math import degrees
 from pathlib import Path
 
 import pytest
+from tests.host.conftest import ScriptedLink
 from tests.host.in_process_bench import ADDRESSES, InProcessBench, Port, ReplacedGuard
 
-from inercal.host import clock, imu_port, table_driver
+from inercal.host import clock, imu_port, link, table_driver
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.journal import Journal, JournalEvent
 from inercal.host.manual import dead_man, session
@@ -54,6 +55,7 @@ class ByHand:
         for module in _CLOCK_READERS:
             monkeypatch.setattr(module, "monotonic", self.bench.monotonic)
         monkeypatch.setattr(clock, "sleep", self._pass)
+        monkeypatch.setattr(link, "open_link", lambda _: ScriptedLink(self.bench.answer()))
         monkeypatch.setattr(session, "TableLock", lambda *_: nullcontext())
         monkeypatch.setattr(session, "Guard", lambda *_, **__: ReplacedGuard(self.bench))
         monkeypatch.setattr(session, "open_table", lambda *_: self.bench.table())

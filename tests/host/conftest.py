@@ -1,6 +1,8 @@
 """Fixtures of the bench host: simulated tables at the end of real connections, at granted time."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
+from unittest.mock import patch
 
 import pytest
 
@@ -24,6 +26,11 @@ def table(pmac: SimulatorServer[SimulatedPmac]) -> Iterator[Pmac]:
     with Pmac(pmac.address, AXES, timeout=5.0) as table:
         table.enable()
         yield table
+
+
+def opened_by(opener: Callable[[str], Any]) -> Any:
+    """Return a context manager in which devices are opened by a function of their address."""
+    return patch("inercal.host.link.open_link", opener)
 
 
 class ScriptedLink:

@@ -13,7 +13,16 @@ import pytest
 from numpy.typing import NDArray
 from tests.host.conftest import ScriptedLink
 
-from inercal.host import bench_run, clock, imu_port, interruptions, recorder, soaks, table_driver
+from inercal.host import (
+    bench_run,
+    clock,
+    imu_port,
+    interruptions,
+    link,
+    recorder,
+    soaks,
+    table_driver,
+)
 from inercal.host.clock import HostUptime
 from inercal.host.drivers.motor import Motor
 from inercal.host.drivers.pmac import Pmac, PmacAxis
@@ -100,7 +109,7 @@ class InProcessBench:
         self.time += seconds
         table = self.device.controller.table
         first = table.cycle + 1
-        self._feel(self.time, first, table.advance_array(self.time))
+        self._feel(self.time, first, table.advance(self.time))
 
     def monotonic(self) -> float:
         return _HOST_START + self.time
@@ -137,6 +146,7 @@ class InProcessBench:
             monkeypatch.setattr(
                 module, "read_host_uptime", lambda: HostUptime(self.boot, 1000.0 + self.time)
             )
+        monkeypatch.setattr(link, "open_link", lambda _: ScriptedLink(self.answer()))
         monkeypatch.setattr(bench_run, "TableLock", lambda *_: nullcontext())
         monkeypatch.setattr(bench_run, "Guard", lambda *_, **__: ReplacedGuard(self))
         monkeypatch.setattr(bench_run, "open_table", lambda *_: self.table())
@@ -152,10 +162,10 @@ class InProcessBench:
         if isinstance(self.device.controller, SimulatedMotor):
             (limit,) = self._drawn.bench.axis_motion_limits
             limits = AxisLimits(limit.rate, limit.acceleration)
-            return Motor("tcp://9", limits, opener=lambda _: ScriptedLink(self.answer()))
+            return Motor("tcp://9", limits)
         names = [axis.name for axis in self.device.controller.table.axes]
         axes = [PmacAxis(name, motor, COUNTS_PER_TURN) for motor, name in enumerate(names, 1)]
-        return Pmac("tcp://127.0.0.1:9", axes, opener=lambda _: ScriptedLink(self.answer()))
+        return Pmac("tcp://127.0.0.1:9", axes)
 
 
 class ReplacedGuard:

@@ -5,6 +5,7 @@ from math import isnan, radians
 from typing import Any
 
 import pytest
+from tests.host.conftest import opened_by
 from tests.refusals import refused
 
 from inercal.host.drivers.acutrol import Acutrol, AcutrolAxis
@@ -60,7 +61,7 @@ def test_a_demand_is_sent_before_its_mode_so_that_an_old_one_moves_nothing(scrip
         links.append(scripted(SimulatedAcutrol().session().feed))
         return links[-1]
 
-    with Acutrol("tcp://x:1", AXES, opener=opener) as table:
+    with opened_by(opener), Acutrol("tcp://x:1", AXES) as table:
         table.enable()
         table.move("inner", radians(30), radians(20), radians(10))
         table.spin("outer", radians(-5), radians(10))
@@ -134,7 +135,7 @@ def test_a_table_that_stands_is_at_rest_though_the_readout_of_its_rate_is_noisy(
             return b"400,500,1e4,-1e9,1e9,0\n"
         return b"0\n" if b"stb" in line else f"30.0005;{rate};Closed\n".encode()
 
-    with Acutrol("tcp://x:1", AXES[:1], opener=lambda _: scripted(answer)) as table:
+    with opened_by(lambda _: scripted(answer)), Acutrol("tcp://x:1", AXES[:1]) as table:
         table.stop()
         assert table.read().axes[0].settled == rests
         for goal, near in ((30.0, True), (30.002, False)):
@@ -148,7 +149,8 @@ def test_what_is_no_reading_is_refused(scripted: Any, reply: bytes):
         return b"1,1,1,-1,1,0\n" if b"limit" in line else reply
 
     with (
-        Acutrol("tcp://x:1", AXES[:1], 0.01, lambda _: scripted(answer)) as table,
+        opened_by(lambda _: scripted(answer)),
+        Acutrol("tcp://x:1", AXES[:1], 0.01) as table,
         pytest.raises(ProtocolError),
     ):
         table.read()

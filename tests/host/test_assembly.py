@@ -14,6 +14,7 @@ from tests.refusals import refused
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.packets import read_layout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, read_frames
+from inercal.recordings import AngleQuality
 from inercal.runfile import Run
 
 ARCSEC = radians(1 / 3600)
@@ -54,8 +55,10 @@ def taken(
                 blocks.clear()
             blocks.append(block)
     assert blocks
-    columns = zip(*(one[:-1] for one in blocks), strict=True)
-    return made, SampleBlock(*(np.concatenate(column) for column in columns), starts_recording=True)
+    columns = zip(*(one[:-2] for one in blocks), strict=True)
+    quality = AngleQuality(*map(np.concatenate, zip(*(one.quality for one in blocks), strict=True)))
+    joined = map(np.concatenate, columns)
+    return made, SampleBlock(*joined, quality=quality, starts_recording=True)
 
 
 @pytest.fixture(scope="module")
@@ -80,10 +83,13 @@ def test_the_samples_are_the_same_however_they_are_taken(
     made, block = whole
     for cuts in schedules(logged):
         other, parts = taken(run, logged, cuts)
-        for name, one, two in zip(SampleBlock._fields[:-1], block[:-1], parts[:-1], strict=True):
-            assert one.tobytes() == two.tobytes(), name
-        assert other.tally == made.tally
-        assert other.sections == made.sections
+        for one, two in zip(
+            (*block[:-2], *block.quality), (*parts[:-2], *parts.quality), strict=True
+        ):
+            assert one.tobytes() == two.tobytes()
+        assert (other.samples, other.imu.counts) == (made.samples, made.imu.counts)
+        assert (other.imu.drops, other.table.drops) == (made.imu.drops, made.table.drops)
+        assert other.sections.spans == made.sections.spans
 
 
 def test_every_good_packet_is_a_sample_once(
@@ -107,9 +113,9 @@ def test_every_good_packet_is_a_sample_once(
     assert np.any(near, axis=0).all()
     assert missed.size <= 20
     assert hard.end - hard.taken[last] < 2.0
-    assert made.tally.samples == numbers.size
-    assert made.tally.drops.repeated > 200
-    assert made.tally.bytes.failed > 0
+    assert made.samples == numbers.size
+    assert made.imu.drops.repeated > 200
+    assert made.imu.counts.failed > 0
 
 
 def test_a_changed_byte_never_enters(hard: Bench, whole: tuple[SampleAssembler, SampleBlock]):
@@ -157,8 +163,8 @@ def test_a_hold_that_is_void_keeps_its_number_and_loses_its_label(
     whole: tuple[SampleAssembler, SampleBlock],
 ):
     made, block = whole
-    labels = made.labels(block.table)
-    away = [one for one in made.sections if one.number == 1]
+    labels = made.sections.labels(block.table)
+    away = [one for one in made.sections.spans if one.number == 1]
     assert [one.state for one in away] == ["void", "done"]
     assert [one.label for one in away] == ["up", "up"]
     void, again = away
@@ -173,7 +179,7 @@ def test_a_hold_that_is_void_keeps_its_number_and_loses_its_label(
     settling = 0.25 + 2 * 5e-3
     for number in range(5):
         span = block.table[block.hold == number]
-        section = [s for s in made.sections if s.start_time <= span[0] <= s.end_time]
+        section = [s for s in made.sections.spans if s.start_time <= span[0] <= s.end_time]
         assert len(section) == 1
         assert span[0] - section[0].start_time == pytest.approx(settling, abs=0.03)
         assert section[0].end_time - span[-1] == pytest.approx(settling, abs=0.03)
@@ -186,7 +192,7 @@ def test_a_first_rest_that_was_interrupted_is_left_out_of_the_recording(run: Run
     bench = Bench(run, seed=6, faults=faults)
     logged = bench.frames()
     made, block = taken(run, logged)
-    first = [one for one in made.sections if one.number == 0]
+    first = [one for one in made.sections.spans if one.number == 0]
     assert [one.state for one in first] == ["void", "done"]
     assert block.time[0] == 0
     assert block.table[0] == pytest.approx(first[1].start_time, abs=0.02)
@@ -201,8 +207,8 @@ def test_a_first_rest_that_was_interrupted_is_left_out_of_the_recording(run: Run
 def test_a_first_rest_of_twenty_seconds_is_enough(run: Run):
     bench = Bench(run, seed=6, faults=Faults(outages=((24.5, 30.0),)))
     made, block = taken(run, bench.frames())
-    assert block.table[0] == pytest.approx(made.sections[0].start_time, abs=0.02)
-    assert made.sections[0].state == "void"
+    assert block.table[0] == pytest.approx(made.sections.spans[0].start_time, abs=0.02)
+    assert made.sections.spans[0].state == "void"
 
 
 def test_a_gap_in_a_hold_begins_another(run: Run):
@@ -291,7 +297,7 @@ def test_readings_that_cannot_be_are_left_out_and_counted(run: Run):
     logged = bench.frames()
     low = run_file(run.path.parent, PATH, **{'full_scale = "150 °/s"': 'full_scale = "20 °/s"'})
     made, block = taken(low, logged)
-    assert made.tally.drops.beyond_range > 1000
+    assert made.imu.drops.beyond_range > 1000
     assert np.abs(block.reading[:, 3:]).max() <= radians(20) * (1 + 1e-5)
 
 
@@ -346,10 +352,10 @@ def test_without_readback_no_sample_waits_for_an_angle(tmp_path: Path):
         if one.kind != TABLE or not UNREAD[0] < one.time < UNREAD[1]
     ]
     made, block = taken(of_angles, logged)
-    lost = made.tally.samples_without_angle
+    lost = made.samples_without_angle
     assert lost == pytest.approx(200 * (UNREAD[1] - UNREAD[0]), rel=0.03)
     made, whole = taken(run_file(tmp_path, PATH, **without), logged)
-    assert made.tally.samples_without_angle == made.tally.samples_with_unusable_angle == 0
+    assert made.samples_without_angle == made.samples_with_unusable_angle == 0
     assert whole.time.size == block.time.size + lost
     assert np.abs(np.diff(whole.time) - 1 / 200).max() < 1e-6
     assert whole.angle_output.shape == whole.estimator_track.angles.shape == (whole.time.size, 0)

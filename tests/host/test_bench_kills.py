@@ -17,7 +17,7 @@ from tests.host.simulated_runs import INERCAL, SHORT, plan, quick
 from inercal.host.addresses import open_table
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal
-from inercal.host.precompilation import precompile_run
+from inercal.host.preparation import precompile_run
 from inercal.runfile import Run, read
 
 SEED = 3

@@ -11,7 +11,7 @@ import pytest
 from tests.host.simulated_runs import SHORT, carried_out, plan
 
 from inercal.host.bench_simulator import BenchSimulator
-from inercal.host.precompilation import precompile_run
+from inercal.host.preparation import precompile_run
 
 
 @pytest.mark.evidence
@@ -25,11 +25,12 @@ def test_for_more_than_a_minute_in_real_time_no_packet_is_lost(tmp_path: Path, r
         ended = carried_out(tmp_path / "run", bench, run, poll=0.02)
         wall = monotonic() - begun
     assert ended.done, ended.words
-    tally = ended.run.recorder.assembly.tally
+    assembly = ended.run.recorder.assembly
     print(
-        f"{rate} Hz: {tally}, {wall:.1f} s of the wall, {ended.run.time:.1f} s of the run",
+        f"{rate} Hz: {assembly.imu.counts}, "
+        f"{wall:.1f} s of the wall, {ended.run.time:.1f} s of the run",
         ended.words,
     )
-    assert (tally.bytes.lost, tally.bytes.failed) == (0, 0)
+    assert (assembly.imu.counts.lost, assembly.imu.counts.failed) == (0, 0)
     assert ended.sections[-1][2] - ended.sections[0][1] > 60 - 5
-    assert abs(tally.bytes.packets - rate * ended.run.time) < 2 * rate
+    assert abs(assembly.imu.counts.packets - rate * ended.run.time) < 2 * rate

@@ -13,7 +13,7 @@ from tests.host.simulated_runs import SHORT, Act, Ended, Interfered, carried_out
 from inercal.host.addresses import open_table
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.drivers.rotary_table import ProtocolError, TableState
-from inercal.host.precompilation import precompile_run
+from inercal.host.preparation import precompile_run
 from inercal.host.run_log import IMU, read_frames
 from inercal.host.tasks import RunOptions
 
@@ -64,8 +64,12 @@ def test_a_run_does_its_steps_in_order_and_leaves_no_packet_out(shared: Bench):
     assert ended.done, ended.words
     assert ended.words == ""
     assert [label for label, _, _ in ended.sections] == ["warm-up", "y up", "z+", "rest"]
-    tally = ended.run.recorder.assembly.tally
-    assert (tally.bytes.lost, tally.bytes.failed, tally.bytes.discarded) == (0, 0, 0)
+    assembly = ended.run.recorder.assembly
+    assert (
+        assembly.imu.counts.lost,
+        assembly.imu.counts.failed,
+        assembly.imu.counts.discarded,
+    ) == (0, 0, 0)
     assert ended.run.recorder.live_estimator is not None
     assert ended.run.recorder.live_estimator.has_estimate
     assert ended.run.recorder.estimation == "on"
@@ -210,15 +214,15 @@ def test_readings_of_the_table_that_fail_leave_the_angles_beside_them_unusable(
     ended = run_with(tmp_path, bench, "z+", "work", spoil)
     assert ended.done, ended.words
     assert left == 0
-    tally = ended.run.recorder.assembly.tally
+    assembly = ended.run.recorder.assembly
     # Every sample of the IMU stays. No filter uses the angles in the gap, nor those one reading
     # before and after it.
-    assert tally.samples_without_angle == 0
-    assert abs(tally.samples_with_unusable_angle - 7 * 0.05 * 200) <= 2
+    assert assembly.samples_without_angle == 0
+    assert abs(assembly.samples_with_unusable_angle - 7 * 0.05 * 200) <= 2
     # On a busy machine it is said before all of them are in: "so far".
     said = re.search(r"(\d+) samples", ended.words)
     assert said
-    assert 0 < int(said[1]) <= tally.samples_with_unusable_angle
+    assert 0 < int(said[1]) <= assembly.samples_with_unusable_angle
     assert ended.words.count("no whole reply") == 4
 
 
@@ -234,10 +238,13 @@ def test_corrupt_bytes_and_lost_packets_are_counted_and_none_of_them_enters(
     bench.inject_fault("imu", "fault errors 0")
     bench.inject_fault("imu", "fault loss 0")
     assert ended.done, ended.words
-    tally = ended.run.recorder.assembly.tally
+    assembly = ended.run.recorder.assembly
     sent = 200 * (ended.run.time - ended.sections[0][1])
     # 1 − 0.999³⁶ of the packets have a byte that is changed; binomial, five standard deviations.
-    for share, of in ((1 - 0.999**36, tally.bytes.failed), (0.01 + 0.0354, tally.bytes.lost)):
+    for share, of in (
+        (1 - 0.999**36, assembly.imu.counts.failed),
+        (0.01 + 0.0354, assembly.imu.counts.lost),
+    ):
         assert abs(of - share * sent) < 5 * np.sqrt(share * sent)
     raw = b"".join(
         frame.payload for frame in read_frames(made(tmp_path / "run").log) if frame.kind == IMU

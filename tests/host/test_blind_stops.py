@@ -11,6 +11,7 @@ from time import monotonic
 from typing import NamedTuple
 
 import pytest
+from tests.host.conftest import opened_by
 from tests.host.test_guard import AXES
 
 from inercal.host.drivers import pmac_codec as codec
@@ -52,12 +53,15 @@ def test_a_stop_is_the_first_thing_that_is_sent_on_a_new_connection(
 ):
     mute = Mute()
     links = [scripted(SimulatedPmac().session().feed), mute]
-    dialogue = PmacDialogue("tcp://x:1", 0.05, lambda _: links.pop(0))  # pyright: ignore
-    dialogue.drop()
-    assert not dialogue.control("A")
-    assert mute.written[0] == codec.control_request("A")
-    with pytest.raises(LinkLost):  # what is no stop waits until the controller is known to answer
-        dialogue.ask("I10", 1)
+    with opened_by(lambda _: links.pop(0)):
+        dialogue = PmacDialogue("tcp://x:1", 0.05)
+        dialogue.drop()
+        assert not dialogue.control("A")
+        assert mute.written[0] == codec.control_request("A")
+        with pytest.raises(
+            LinkLost
+        ):  # what is no stop waits until the controller is known to answer
+            dialogue.ask("I10", 1)
 
 
 def _late(seconds: float) -> Callable[[Served], None]:

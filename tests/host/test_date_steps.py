@@ -20,7 +20,7 @@ from tests.host.simulated_runs import INERCAL, SHORT, plan
 from inercal.host.addresses import open_table
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal, JournalEvent
-from inercal.host.precompilation import precompile_run
+from inercal.host.preparation import precompile_run
 from inercal.host.run_log import read_frames
 
 FAKETIME = shutil.which("faketime")

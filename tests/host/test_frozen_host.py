@@ -28,7 +28,7 @@ from inercal.calibration.files import load
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal
 from inercal.host.packets import read_layout
-from inercal.host.precompilation import precompile_run
+from inercal.host.preparation import precompile_run
 from inercal.host.run_execution import finish_run
 from inercal.pipeline import Outcome
 from inercal.recordings.io.hdf5 import read_group

@@ -8,6 +8,7 @@ from threading import Thread
 
 import numpy as np
 import pytest
+from tests.host.conftest import opened_by
 from tests.host.guided_runs import Voltmeter, measure, readings, serve, six_positions
 from tests.refusals import refused
 
@@ -129,7 +130,8 @@ class Pieces:
 
 def test_what_came_before_and_the_rest_of_its_line_are_no_reading():
     link = Pieces(b"7.0\n8.", b"", b"5\n1.5\n2.5\n3.5\n9.")
-    device = LineInstrument("serial:/dev/x", "", 1.0, lambda _: link)
+    with opened_by(lambda _: link):
+        device = LineInstrument("serial:/dev/x", "", 1.0)
     device.begin()
     assert [device.read(), device.read()] == [[1.5], [2.5]]
     link.pieces = [b"", b"5\n4.5\n"]
@@ -138,7 +140,8 @@ def test_what_came_before_and_the_rest_of_its_line_are_no_reading():
 
 
 def test_a_serial_device_may_begin_in_the_middle_of_a_line():
-    device = LineInstrument("serial:/dev/x", "", 1.0, lambda _: Pieces(b"", b"25\n1.5\n"))
+    with opened_by(lambda _: Pieces(b"", b"25\n1.5\n")):
+        device = LineInstrument("serial:/dev/x", "", 1.0)
     device.begin()
     assert device.read() == [1.5]
 
@@ -175,13 +178,15 @@ def test_an_overload_is_refused(reply: str):
 
 
 def test_another_number_of_values_than_columns_is_refused():
-    device = LineInstrument("tcp://x:1", "", 1.0, lambda _: Pieces(b"1.0,2.0\n"))
+    with opened_by(lambda _: Pieces(b"1.0,2.0\n")):
+        device = LineInstrument("tcp://x:1", "", 1.0)
     with refused(InputError, names=("tcp://x:1",)):
         read_instruments([device], ("ax", "ay", "az"), {})
 
 
 def test_a_line_without_an_end_is_refused():
-    device = LineInstrument("tcp://x:1", "", 1.0, lambda _: Pieces(b"1" * 3000, b"1" * 3000))
+    with opened_by(lambda _: Pieces(b"1" * 3000, b"1" * 3000)):
+        device = LineInstrument("tcp://x:1", "", 1.0)
     with pytest.raises(LinkLost):
         device.read()
 

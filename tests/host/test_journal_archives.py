@@ -9,7 +9,7 @@ from tests.refusals import refused
 
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
-from inercal.host.web.runs import UNREADABLE, Runs
+from inercal.host.web.folders import UNREADABLE, Runs
 
 
 def make_journal(folder: Path) -> Path:

@@ -5,6 +5,7 @@ from math import radians, tau
 from typing import Any
 
 import pytest
+from tests.host.conftest import opened_by
 from tests.refusals import refused
 
 from inercal.host.drivers.motor import Motor
@@ -82,7 +83,8 @@ def test_a_late_reply_is_read_away_before_the_next_question(server: Served):
 
 def test_what_is_no_number_is_refused(scripted: Any):
     with (
-        Motor("tcp://x:1", LIMITS, opener=lambda _: scripted(lambda _: b"12,5\r\n>")) as motor,
+        opened_by(lambda _: scripted(lambda _: b"12,5\r\n>")),
+        Motor("tcp://x:1", LIMITS) as motor,
         pytest.raises(ProtocolError),
     ):
         motor.read()
@@ -95,7 +97,7 @@ def test_stop_is_sent_though_bytes_came_unasked(scripted: Any):
         links.append(scripted(SimulatedMotor().session().feed))
         return links[-1]
 
-    with Motor("tcp://x:1", LIMITS, opener=opener) as motor:
+    with opened_by(opener), Motor("tcp://x:1", LIMITS) as motor:
         links[0]._waiting = b"0.0000\r\n>"  # another program asked
         motor.stop()
         assert [link.written for link in links] == [[b"STO\r"], [b"STO\r"]]

@@ -30,9 +30,8 @@ from inercal.host.bench_run import BenchRun
 from inercal.host.journal import Journal
 from inercal.host.run_folder import create_run
 from inercal.host.web.device_catalogue import DeviceCatalogue
+from inercal.host.web.folders import Plans, Runs
 from inercal.host.web.hub import Hub
-from inercal.host.web.plans import Plans
-from inercal.host.web.runs import Runs
 from inercal.host.web.worker import CommandRelay
 
 PATIENCE = 20.0  # s

@@ -6,6 +6,7 @@ from math import radians
 from typing import Any
 
 import pytest
+from tests.host.conftest import opened_by
 from tests.refusals import refused
 
 from inercal.host.drivers.acutrol import Acutrol, AcutrolAxis
@@ -117,6 +118,6 @@ def test_a_limit_switch_of_a_pmac_is_at_the_end_that_the_axis_has_there(counts: 
         return b"\r".join(lines)
 
     axes = [PmacAxis("inner", 3, counts)]
-    with Pmac("tcp://x:1", axes, opener=lambda _: scripted(answer)) as table:
+    with opened_by(lambda _: scripted(answer)), Pmac("tcp://x:1", axes) as table:
         state = table.read().axes[0]
     assert (state.at_low, state.at_high) == ((False, True) if counts > 0 else (True, False))

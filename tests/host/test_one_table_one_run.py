@@ -75,7 +75,7 @@ def test_ten_programs_at_the_table_of_a_run_are_refused_and_it_is_unharmed(tmp_p
             for k in range(3):
                 order = RunRequest(
                     str(tmp_path / f"served{k}" / "run"),
-                    str(run.path),
+                    plan=str(run.path),
                     table=table,
                     imu=imu,
                     clock=clock,
@@ -83,7 +83,7 @@ def test_ten_programs_at_the_table_of_a_run_are_refused_and_it_is_unharmed(tmp_p
                 said.append(by_page(WORKER, order))
                 assert not Path(order.folder).exists()
                 folder = str(tmp_path / f"served{k}" / "hand")
-                by_hand = ManualRequest(folder, str(run.path), "Ada", table, imu, clock)
+                by_hand = ManualRequest(folder, "Ada", table, imu, clock, plan=str(run.path))
                 said.append(by_page(MANUAL_WORKER, by_hand))
             wait_until(tmp_path / "first", lambda journal: len(sections_done(journal)) == 3)
             assert first.poll() is None

@@ -8,7 +8,7 @@ from tests.host.watched_runs import ADDRESSES
 from tests.program import run_program
 from tests.refusals import refused
 
-from inercal.host.plan_check import check_plan
+from inercal.host.preparation import check_plan
 
 
 @pytest.mark.parametrize("seconds", ["6", "19.7"])

@@ -78,7 +78,7 @@ def test_a_full_chunk_that_ends_in_cr_is_not_the_end():
 def test_status_words_are_read_as_in_the_manuals_example():
     # Software Reference, `?`: the example's bits are 23, 16, 13 and 15, 14, 10, 0.
     status = codec.parse_status("81200001C401")
-    assert (status.activated, status.homed, status.in_position) == (True, True, True)
+    assert (status.homed, status.in_position) == (True, True)
     assert not status.moving
     assert status.faults == ()
 

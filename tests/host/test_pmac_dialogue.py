@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from tests.host.conftest import opened_by
 
 from inercal.host.drivers.pmac_codec import CommandRefused
 from inercal.host.drivers.pmac_dialogue import PmacDialogue
@@ -34,7 +35,7 @@ def test_replies_in_pieces_of_any_size_are_the_same(scripted: Any, size: int):
     line = " ".join(["I20..23 #1P I10"] * 60)
     links: list[Link] = []
     opener = _keeping(links, lambda _: scripted(_simulated(), size))
-    with PmacDialogue("tcp://x:1", 1.0, opener) as dialogue:
+    with opened_by(opener), PmacDialogue("tcp://x:1", 1.0) as dialogue:
         lines = dialogue.ask(line, 360)
         assert lines == ["$78400", "$0", "$0", "$0", "0", "3713707"] * 60
     assert len(links) == 1
@@ -47,7 +48,7 @@ def test_a_long_reply_is_asked_for_in_chunks_of_1400(scripted: Any):
         links.append(scripted(_simulated()))
         return links[-1]
 
-    with PmacDialogue("tcp://x:1", 1.0, opener) as dialogue:
+    with opened_by(opener), PmacDialogue("tcp://x:1", 1.0) as dialogue:
         # 350 times "3713707\r" and ACK are 2801 bytes.
         assert dialogue.ask("I10 " * 350, 350) == ["3713707"] * 350
     assert links[0].written[-2:] == [bytes.fromhex("C0 C5 00 00 00 00 05 78")] * 2
@@ -83,7 +84,7 @@ def test_the_rest_of_a_reply_cut_by_a_timeout_is_never_taken_for_the_next(script
         return scripted(answer)
 
     links: list[Link] = []
-    with PmacDialogue("tcp://x:1", 0.02, _keeping(links, opener)) as dialogue:
+    with opened_by(_keeping(links, opener)), PmacDialogue("tcp://x:1", 0.02) as dialogue:
         with pytest.raises(ProtocolError):
             dialogue.ask("#1P #2P", 2)
         assert late
@@ -98,7 +99,7 @@ def test_bytes_that_come_unasked_end_the_connection(scripted: Any):
         links.append(scripted(_simulated()))
         return links[-1]
 
-    with PmacDialogue("tcp://x:1", 1.0, opener) as dialogue:
+    with opened_by(opener), PmacDialogue("tcp://x:1", 1.0) as dialogue:
         links[0]._waiting = b"1995\r\x06"
         with pytest.raises(ProtocolError):
             dialogue.ask("#1P", 1)
@@ -115,7 +116,7 @@ def test_another_number_of_lines_is_no_answer(pmac: Served):
 
 def test_a_refusal_keeps_the_connection(pmac: Served):
     links: list[Link] = []
-    with PmacDialogue(pmac.address, opener=_keeping(links)) as dialogue:
+    with opened_by(_keeping(links)), PmacDialogue(pmac.address) as dialogue:
         with pytest.raises(CommandRefused) as refusal:
             dialogue.ask("nonsense")
         assert refusal.value.code == 3
@@ -144,7 +145,7 @@ def test_a_dropped_connection_is_told_and_the_next_question_is_answered(
     pmac: Served,
 ):
     links: list[Link] = []
-    with PmacDialogue(pmac.address, opener=_keeping(links)) as dialogue:
+    with opened_by(_keeping(links)), PmacDialogue(pmac.address) as dialogue:
         pmac.faults.drop = 1
         with pytest.raises(LinkLost):
             dialogue.ask("I10", 1)
@@ -165,5 +166,5 @@ def test_a_controller_that_is_gone_is_a_lost_link_and_comes_back():
 
 
 def test_what_is_no_pmac_is_told(scripted: Any):
-    with pytest.raises(LinkLost):
-        PmacDialogue("tcp://x:1", 0.01, lambda _: scripted(lambda _: b"SSH-2.0\r\n"))
+    with opened_by(lambda _: scripted(lambda _: b"SSH-2.0\r\n")), pytest.raises(LinkLost):
+        PmacDialogue("tcp://x:1", 0.01)

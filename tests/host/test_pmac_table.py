@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.host.conftest import opened_by
 from tests.refusals import refused
 
 from inercal.host.drivers.pmac import Pmac, PmacAxis
@@ -29,14 +30,15 @@ def _tell(server: Served, line: str) -> None:
 
 def test_a_move_keeps_its_limits_and_ends_in_position(pmac: Served, table: Pmac):
     table.move("inner", radians(90), radians(30), radians(20))
-    motion = pmac.advance(1.0)
+    motion = pmac.device.table.advance(1.0)
+    pmac.advance(1.0)
     assert table.read().axes[2].moving
-    rest = pmac.advance(10.0)
+    rest = pmac.device.table.advance(10.0)
+    pmac.advance(10.0)
     state = table.read().axes[2]
     assert state.settled
     assert state.angle == pytest.approx(radians(90), abs=2 * COUNT)
-    rate = np.concatenate([motion.rate[:, 2], rest.rate[:, 2]])
-    turning = np.concatenate([motion.acceleration[:, 2], rest.acceleration[:, 2]])
+    _, rate, turning = np.concatenate([motion, rest])[:, 2].T
     # The servo overshoots a little; the profile itself keeps the limits (test_dynamics).
     assert np.max(np.abs(rate)) == pytest.approx(radians(30), rel=0.02)
     assert np.max(np.abs(turning)) <= 1.3 * radians(20)
@@ -85,7 +87,7 @@ def test_a_motor_that_refuses_to_stop_keeps_no_other_from_stopping(scripted: Any
         return b"\x07ERR012\r" if b"#1J/" in data and b"I119=I115" in data else feed(data)
 
     axes = (PmacAxis("outer", 1, COUNTS), PmacAxis("inner", 3, COUNTS))
-    with Pmac("tcp://x:1", axes, opener=lambda _: scripted(answer)) as table:
+    with opened_by(lambda _: scripted(answer)), Pmac("tcp://x:1", axes) as table:
         table.enable()
         table.spin("outer", 0.2, 1.0)
         table.spin("inner", 1.0, 1.0)
@@ -113,7 +115,7 @@ def test_a_reading_over_several_cycles_says_so(scripted: Any):
         reply = feed(data)
         return b"FFFFFE" + reply[1:-3] + b"2\r\x06" if b"RHX$0 #" in data else reply
 
-    with Pmac("tcp://x:1", INNER, opener=lambda _: scripted(answer)) as table:
+    with opened_by(lambda _: scripted(answer)), Pmac("tcp://x:1", INNER) as table:
         state = table.read()
     assert state.span == pytest.approx(4 * table.period)
     # From two cycles before the wrap to two behind it.
@@ -136,7 +138,7 @@ def test_a_wrong_digit_of_the_servo_clock_is_no_reading_and_shifts_no_time(
             return b"\r".join([first, *reply.split(b"\r")[1:-2], last, b"\x06"])
         return reply
 
-    with Pmac("tcp://x:1", INNER, opener=lambda _: scripted(answer)) as table:
+    with opened_by(lambda _: scripted(answer)), Pmac("tcp://x:1", INNER) as table:
         before = table.read().time
         wrong.append(told)
         with pytest.raises(ProtocolError):
@@ -169,7 +171,7 @@ def test_a_motor_that_has_not_yet_started_is_not_taken_for_one_that_has_arrived(
     def idle(data: bytes) -> bytes:
         return feed(data.replace(b"#3J+", b"    "))
 
-    with Pmac("tcp://x:1", INNER, opener=lambda _: scripted(idle)) as table:
+    with opened_by(lambda _: scripted(idle)), Pmac("tcp://x:1", INNER) as table:
         table.enable()
         assert table.read().axes[0].settled
         table.spin("inner", 1.0, 1.0)
@@ -267,7 +269,7 @@ def test_stop_works_where_control_a_is_not_understood(pmac: Served, scripted: An
     def deaf(data: bytes) -> bytes:
         return feed(data.replace(bytes.fromhex("C0 C4 01 00"), bytes.fromhex("C0 C4 00 00")))
 
-    with Pmac("tcp://x:1", INNER, opener=lambda _: scripted(deaf)) as table:
+    with opened_by(lambda _: scripted(deaf)), Pmac("tcp://x:1", INNER) as table:
         table.enable()
         table.spin("inner", 1.0, 0.5)
         simulated.advance(5.0)
@@ -347,7 +349,7 @@ def test_readings_survive_replies_in_pieces_and_a_dropped_connection(pmac: Serve
         links.append(open_link(address))
         return links[-1]
 
-    with Pmac(pmac.address, INNER, 5.0, opener) as table:
+    with opened_by(opener), Pmac(pmac.address, INNER, 5.0) as table:
         table.enable()
         pmac.faults.fragment = 1
         table.move("inner", 0.5, 1.0, 1.0)

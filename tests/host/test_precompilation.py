@@ -10,7 +10,7 @@ from tests.base_seeds import evidence
 from tests.host.simulated_runs import plan
 from tests.host.synthetic_log import LAYOUT, run_file
 
-from inercal.host import precompilation as host_compile
+from inercal.host import preparation as host_compile
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.packets import PacketLayout, read_layout
 
@@ -19,7 +19,7 @@ import sys
 from pathlib import Path
 from numba.core import event
 from tests.host.simulated_runs import carried_out, plan
-from inercal.host.precompilation import precompile_run
+from inercal.host.preparation import precompile_run
 from inercal.host.packets import read_layout
 from inercal.host.bench_simulator import BenchSimulator
 

@@ -59,8 +59,8 @@ def test_no_true_reading_is_left_out(run: Run, seed: int):
     for frame in bench.frames():
         made.feed(frame)
     made.take()
-    assert made.tally.polls > 2000
-    assert made.tally.implausible_polls == 0
+    assert made.table.count > 2000
+    assert made.table.implausible == 0
 
 
 @pytest.mark.slow
@@ -164,10 +164,10 @@ def test_angles_between_are_true_where_digits_were_wrong(run: Run, seed: int):
     made, block = samples(run, with_wrong_digits(bench.frames(), seed, 0.01))
     truth = bench.angles(block.table - bench.servo)
     apart = np.abs(block.angles - truth).max(axis=-1)
-    assert made.tally.implausible_polls > 8
+    assert made.table.implausible > 8
     # What is within the limits of rate and acceleration is for the filter's innovations to tell.
     assert apart.max() < 0.05 * 3600 * ARCSEC
-    assert np.isfinite(block.noise_gain).mean() > 0.98
+    assert np.isfinite(block.quality.noise_gain).mean() > 0.98
 
 
 @pytest.mark.slow
@@ -184,9 +184,9 @@ def test_angles_beside_an_outage_through_a_stop_are_not_usable(run: Run):
     when = block.table - bench.servo
     near = (when > gone[0] + 0.005) & (when < gone[1] - 0.005)
     assert near.sum() >= 12  # no sample of the IMU is lost
-    assert np.isinf(block.interpolation_sd[near]).all()
-    assert made.tally.samples_with_unusable_angle >= near.sum()
-    usable = np.isfinite(block.noise_gain)
+    assert np.isinf(block.quality.interpolation_sd[near]).all()
+    assert made.samples_with_unusable_angle >= near.sum()
+    usable = np.isfinite(block.quality.noise_gain)
     off = np.abs(block.angles - bench.angles(when)).max(axis=-1)
     assert off[near].max() > 100 * ARCSEC  # what a line or a cubic makes of the stop
     assert off[usable].max() < 20 * ARCSEC
@@ -221,7 +221,7 @@ def test_the_interpolation_says_how_far_it_is_off(run: Run):
         bench = Bench(run, seed=4, quiet=True, begun=2.0 + phase)
         _, block = samples(run, bench.frames())
         off = np.abs(block.angles - bench.angles(block.table - bench.servo)).max(axis=-1)
-        sd = block.interpolation_sd
+        sd = block.quality.interpolation_sd
         known = np.isfinite(sd)
         errors.append(float(np.sum(off[known] ** 2)))
         expected.append(float(np.sum(sd[known] ** 2)))
@@ -237,7 +237,7 @@ def test_the_noise_of_angles_is_that_of_the_readings_times_its_gain(tmp_path: Pa
         samples(run, replace_noise(Bench(run, seed=5, quiet=True), white).frames())[1]
         for white in (20 * ARCSEC, 0.0)
     )
-    gain = noisy.noise_gain
+    gain = noisy.quality.noise_gain
     at = np.isfinite(gain) & (np.abs(quiet.angles[:, 2]) > 0)
     error = (noisy.angles - quiet.angles)[at] / (20 * ARCSEC)
     assert np.mean(error**2) == pytest.approx(np.mean(gain[at]), rel=0.1)

@@ -136,7 +136,7 @@ def test_a_mistake_of_a_method_from_outside_ends_its_estimate_and_not_the_run(
 ):
     with followed(tmp_path, logged, Faulty) as account:
         assert account.estimation == "ended"
-        assert account.assembly.tally.samples > 10_000
+        assert account.assembly.samples > 10_000
         ends = [
             words
             for _, words in account.recent_messages
@@ -157,7 +157,7 @@ def test_what_was_said_before_an_interruption_is_not_said_again(
         assert [event.words.split()[0] for event in said] == ["live", "so", "so"]
         for _ in range(2):
             with RunRecorder(folder, journal, LAYOUT) as account:
-                assert account.assembly.tally.bytes.lost > 100
+                assert account.assembly.imu.counts.lost > 100
             assert journal.events() == said
 
 
@@ -183,13 +183,13 @@ def test_of_a_run_that_goes_on_losses_are_told_when_there_are_more(
     before = [frame for frame in logged if frame.time < HALF]
     folder = interrupted(tmp_path, before)
     with Journal(folder.journal) as journal, RunRecorder(folder, journal, LAYOUT) as account:
-        lost = account.assembly.tally.bytes.lost
+        lost = account.assembly.imu.counts.lost
         assert lost > 50
         told = len(journal.events())
         go_on(account, logged[len(before) :])
         (event,) = journal.events(told)
     assert event.time == pytest.approx(120, abs=6)  # as if nothing had interrupted it
-    assert lost < int(event.words.split()[2]) < account.assembly.tally.bytes.lost
+    assert lost < int(event.words.split()[2]) < account.assembly.imu.counts.lost
 
 
 @pytest.mark.slow

@@ -53,7 +53,7 @@ def test_a_recording_holds_what_was_assembled_to_the_last_bit(run: Run, folder: 
     assert recording.time.tobytes() == block.time.tobytes()
     assert recording.data.tobytes() == np.ascontiguousarray(block.output).tobytes()
     assert recording.labels is not None
-    assert recording.labels.tolist() == made.labels(block.table).tolist()
+    assert recording.labels.tolist() == made.sections.labels(block.table).tolist()
     assert set(recording.labels) == {"", "warm-up", "up", "slanted", "y+", "rest"}
     assert recording.temperature == pytest.approx(np.full(block.time.size, 298.15), abs=1e-9)
     assert isinstance(run.bench, Turntable)

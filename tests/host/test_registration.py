@@ -16,7 +16,7 @@ from inercal.host import registration
 from inercal.host.journal import Journal
 from inercal.host.registration import RegisterSync, register_run
 from inercal.host.run_folder import JOURNAL, RunFolder, create_run
-from inercal.host.web.runs import Runs
+from inercal.host.web.folders import Runs
 from inercal.laboratory.store import Register
 
 ADDRESSES = (

@@ -11,7 +11,7 @@ from inercal.basics.errors import InputError
 from inercal.cli.bench_commands import ended_by_signals
 from inercal.host.journal import Journal
 from inercal.host.run_folder import RunFolder, create_run, reopen_run
-from inercal.host.web.runs import Runs
+from inercal.host.web.folders import Runs
 from inercal.runfile import read
 
 TABLE, IMU = "pmac://10.0.0.5:1025?motors=1,2,3&counts=3600000", "tcp://10.0.0.5:99?preset=fixed"

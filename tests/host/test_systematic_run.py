@@ -13,7 +13,7 @@ from tests.base_seeds import evidence
 
 from inercal.host.bench_run import BenchRun
 from inercal.host.bench_simulator import BenchSimulator
-from inercal.host.precompilation import precompile_run
+from inercal.host.preparation import precompile_run
 from inercal.host.run_execution import finish_run
 from inercal.host.run_folder import create_run
 from inercal.runfile import read

@@ -103,7 +103,7 @@ def run(
     json: Json = False,
 ) -> None:
     """Carry out the plan of a run file, and calibrate from the recording."""
-    from inercal.host.plan_check import check_plan
+    from inercal.host.preparation import check_plan
     from inercal.host.run_folder import create_run
     from inercal.runfile import read
 
@@ -238,7 +238,7 @@ def _carry_out_plan(
     from inercal.cli.bench_view import listen_to_keys, run_display
     from inercal.cli.mounting_answers import TypedConfirmation
     from inercal.host.addresses import layout_of_address
-    from inercal.host.precompilation import precompile_run
+    from inercal.host.preparation import precompile_run
     from inercal.host.run_execution import RunInterrupted, execute_run
 
     with console.progress_status("compiling (only once on each machine)"):

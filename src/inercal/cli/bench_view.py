@@ -80,12 +80,12 @@ def run_panel(run: "BenchRun", keys: str = KEY_HELP, typed: str = "") -> "Render
     messages = Text()
     for level, words in run.recorder.recent_messages:
         messages.append(f"{words}\n", style=_COLOURS[level])
-    tally = run.recorder.assembly.tally
-    counts = tally.bytes
+    assembly = run.recorder.assembly
+    counts = assembly.imu.counts
     imu = (
         f"IMU: {counts.packets} packets, {counts.lost} lost, {counts.failed} checksum errors, "
-        f"{counts.discarded} bytes discarded; {tally.samples} samples with an angle, "
-        f"{tally.samples_without_angle} without"
+        f"{counts.discarded} bytes discarded; {assembly.samples} samples with an angle, "
+        f"{assembly.samples_without_angle} without"
     )
     mounting: list[RenderableType] = []
     if (request := run.mounting_request) is not None:

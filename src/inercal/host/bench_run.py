@@ -18,10 +18,11 @@ from contextlib import ExitStack
 from functools import partial
 from math import degrees, inf, nan
 from time import monotonic, sleep
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 
+from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InercalError, InputError
 from inercal.benches.motion_control import SpinTask
 from inercal.benches.turntable import require_turntable
@@ -38,7 +39,7 @@ from inercal.host.interlocks import MAX_CHECK_INTERVAL, Interlocks, LastChecks, 
 from inercal.host.interruptions import Interruptions
 from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
-from inercal.host.plan_check import require_feasible_plan, require_thermometer
+from inercal.host.preparation import require_feasible_plan, require_thermometer
 from inercal.host.recorder import PIECE_MAX, RunRecorder
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import IMU, TABLE
@@ -65,7 +66,7 @@ _DATING_TIMEOUT = 10.0  # s; the first packets of a resumed run must be dated wi
 _GRACE = 5.0  # s in addition to the deceleration time
 
 
-class BenchRun:
+class BenchRun(Closeable):
     """A new or resumed run. At the end of its `with` block, the table is at rest.
 
     Parameters
@@ -344,7 +345,7 @@ class BenchRun:
         if self.sequencer.is_over or self._before_start:
             return
         words = self._interlocks.check(state, self.time, temperature=self.recorder.temperature)
-        words = words or self._table_driver.check_commanded(
+        words = words or self._table_driver.commanded_motion.check(
             state, hands_on=self.mounting_request is not None
         )
         self._last_checks.record("table", self.time)
@@ -427,7 +428,7 @@ class BenchRun:
             return
         if (mismatch := self.recorder.assembly.imu.mismatch) is not None:
             self._imu.set_trouble(mismatch, self.time)
-        packets = self.recorder.assembly.tally.bytes.packets
+        packets = self.recorder.assembly.imu.counts.packets
         if packets > self._packets[0] or not self._imu.is_receiving:
             self._packets = packets, self.time
         elif self.time - self._packets[1] > _PACKET_TIMEOUT:
@@ -497,10 +498,8 @@ class BenchRun:
     def _say(self, level: Literal["info", "warning", "alarm"], words: str) -> None:
         self.recorder.record_message(self.time, level, words)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Leave the table at rest, and close all connections."""
         try:
             driver = self._table_driver
             driver.leave(self._clock, self._interruptions.add, at_rest=driver.at_rest)

@@ -14,7 +14,7 @@ from inercal.basics.errors import InputError
 from inercal.estimation.kernel_options import on_compilation
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.packets import read_layout
-from inercal.host.precompilation import precompile_run
+from inercal.host.preparation import precompile_run
 from inercal.host.sim import motion_link
 from inercal.host.sim.bench_simulator import COUNTS_PER_TURN
 from inercal.host.sim.mimu import COMPILING

@@ -13,11 +13,12 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from math import nan
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol
 
 from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InercalError, InputError
 from inercal.basics.registry import Registry
+from inercal.host.link import DeviceConnection
 
 
 class Reading(NamedTuple):
@@ -27,7 +28,7 @@ class Reading(NamedTuple):
     unit: str
 
 
-class Instrument(Protocol):
+class Instrument(DeviceConnection, Protocol):
     """An instrument that measures one quantity; a reading after a lost connection reconnects."""
 
     def identity(self) -> str:
@@ -37,14 +38,6 @@ class Instrument(Protocol):
     def read(self) -> Reading:
         """Return a reading that was taken after this call; an overload is an `InputError`."""
         ...
-
-    def close(self) -> None:
-        """Close the connection; a second call does nothing."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_: object) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -66,7 +59,7 @@ class ChamberState:
     alarms: tuple[str, ...] = ()
 
 
-class Chamber(Protocol):
+class Chamber(DeviceConnection, Protocol):
     """A temperature chamber; `close` leaves it as it is, so `stop` it first."""
 
     def set_temperature(self, temperature: float) -> None:
@@ -80,14 +73,6 @@ class Chamber(Protocol):
     def stop(self) -> None:
         """End heating and cooling."""
         ...
-
-    def close(self) -> None:
-        """Close the connection; a second call does nothing."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_: object) -> None: ...
 
 
 CHAMBERS: Registry[Callable[[str, float], Chamber]] = Registry(

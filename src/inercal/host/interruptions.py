@@ -1,6 +1,7 @@
 """Tracks the interruptions of a run: the current reasons to pause it, and reasons to end it."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from math import inf
 from queue import SimpleQueue
 from time import monotonic
@@ -14,6 +15,7 @@ from inercal.host.sequencer import Command, Sequencer
 from inercal.host.spin_sequencer import SpinSequencer
 
 _GUARD_INTERVAL = 0.05  # s of wall time between two checks of the watchdog
+_Request = Literal["pause", "go on", "stop"]
 _PauseCause = Literal["operator", "host", "watchdog", "IMU", "interlocks", "chamber"]
 
 
@@ -24,6 +26,7 @@ class TroubleSource(Protocol):
     trouble_since: float
 
 
+@dataclass(eq=False)
 class Interruptions:
     """Pauses or ends a run on request of the operator, the watchdog or the devices.
 
@@ -45,28 +48,23 @@ class Interruptions:
         Reason why the run was interrupted; empty if it was not interrupted.
     """
 
-    def __init__(
-        self,
-        sequencer: Sequencer | SpinSequencer,
-        guard: Guard,
-        stop: Callable[[Callable[[float], list[Command]], str, float], None],
-        go_on: Callable[[], None],
-        say: Callable[[Literal["info", "warning", "alarm"], str], None],
-    ):
-        self.trouble = ""
-        self._sequencer, self._guard = sequencer, guard
-        self._stop, self._go_on, self._say = stop, go_on, say
-        self._pauses: dict[_PauseCause, str] = {}
-        self._reported_ends: set[str] = set()
-        self._requests: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
-        self._guard_check_time = -inf
+    sequencer: Sequencer | SpinSequencer
+    guard: Guard
+    stop: Callable[[Callable[[float], list[Command]], str, float], None]
+    go_on: Callable[[], None]
+    say: Callable[[Literal["info", "warning", "alarm"], str], None]
+    trouble: str = ""
+    _pauses: dict[_PauseCause, str] = field(default_factory=dict[_PauseCause, str])
+    _reported_ends: set[str] = field(default_factory=set[str])
+    _requests: SimpleQueue[_Request] = field(default_factory=SimpleQueue[_Request])
+    _guard_check_time: float = -inf
 
     @property
     def pause_reason(self) -> str:
         """Reason why the run is paused; empty if it is not paused."""
         return "; ".join(self._pauses.values())
 
-    def request(self, what: Literal["pause", "go on", "stop"]) -> None:
+    def request(self, what: _Request) -> None:
         """Request a command, from any thread; `update` executes it."""
         self._requests.put(what)
 
@@ -91,16 +89,16 @@ class Interruptions:
                     self._pauses.pop("operator", None)
                 case "stop":
                     self.end("stopped by the operator")
-        if self._guard.signal_received or monotonic() - self._guard_check_time >= _GUARD_INTERVAL:
+        if self.guard.signal_received or monotonic() - self._guard_check_time >= _GUARD_INTERVAL:
             self.check_guard()
         self.follow("IMU", imu, time, patience)
         # If not, the reason is the IMU or the host, which has already been reported.
         if imu.trouble is None and "host" not in self._pauses:
             self.follow("interlocks", interlocks, time, patience)
-        if self._sequencer.phase == "paused" and not self._pauses:
-            self._say("info", "the run continues")
-            self._sequencer.resume()
-            self._go_on()
+        if self.sequencer.phase == "paused" and not self._pauses:
+            self.say("info", "the run continues")
+            self.sequencer.resume()
+            self.go_on()
 
     def follow_host(self, late: float) -> None:
         """Pause until the next tick if the host itself stood still, because nothing was checked.
@@ -118,19 +116,19 @@ class Interruptions:
     def check_guard(self) -> None:
         """Read the watchdog's messages, and check that the watchdog is alive."""
         self._guard_check_time = monotonic()
-        if self._guard.signal_received:
+        if self.guard.signal_received:
             self.end("stopped by the operator")
-        for line in self._guard.read_lines():
+        for line in self.guard.read_lines():
             if line in ("at rest", "ready"):
                 self._pauses.pop("watchdog", None)
             elif line.startswith("killed"):
                 # If the table did not slow down, somebody must inspect it before it moves again.
                 self.end(f"watchdog: {line}")
             elif "watchdog" in self._pauses:
-                self._say("warning", f"watchdog: {line}")
+                self.say("warning", f"watchdog: {line}")
             else:
                 self._pause("watchdog", f"watchdog: {line}")
-        if not self._guard.alive:
+        if not self.guard.alive:
             self.end("the watchdog is gone")
 
     def handle_table_error(self, error: InercalError) -> None:
@@ -145,18 +143,18 @@ class Interruptions:
         try:
             # The table is stopped before the report, because the journal may be slow or may have
             # failed.
-            if not self._sequencer.is_over:
-                self._stop(self._sequencer.abort, words, 0.0)
+            if not self.sequencer.is_over:
+                self.stop(self.sequencer.abort, words, 0.0)
         finally:
             # This is called repeatedly while the table comes to rest, but one report is enough.
             if words not in self._reported_ends:
                 self._reported_ends.add(words)
-                self._say("alarm", words)
+                self.say("alarm", words)
 
     def add(self, words: str) -> None:
         """Report a problem that became known after the end, and add it to `trouble`."""
         self.trouble = f"{self.trouble}; {words}" if self.trouble else words
-        self._say("alarm", words)
+        self.say("alarm", words)
 
     def follow(self, why: _PauseCause, source: TroubleSource, time: float, patience: float) -> None:
         """Pause while there is a problem, and end the run if the problem lasts too long."""
@@ -168,8 +166,8 @@ class Interruptions:
             self._pause(why, source.trouble)
 
     def _pause(self, why: _PauseCause, words: str, lasted: float = 0.0) -> None:
-        if why in self._pauses or self._sequencer.is_over:
+        if why in self._pauses or self.sequencer.is_over:
             return
         self._pauses[why] = words
-        self._stop(self._sequencer.pause, words, lasted)
-        self._say("warning", f"{words}; the table stops, and the current step will be repeated")
+        self.stop(self.sequencer.pause, words, lasted)
+        self.say("warning", f"{words}; the table stops, and the current step will be repeated")

@@ -164,7 +164,7 @@ class Journal(Closeable):
             raise InputError(
                 f"{path} exists already; resume that run or name another folder", file=Path(path)
             )
-        row = (_now(), run_file, *addresses, poll, steps, "running")
+        row = (utc_now(), run_file, *addresses, poll, steps, "running")
         with (
             _sqlite_errors_as_input_errors(Path(path)),
             atomic_write(path) as temporary,
@@ -246,7 +246,7 @@ class Journal(Closeable):
         """Record an event with its run time in s; level and words are as in `JournalEvent`."""
         self._execute(
             "INSERT INTO event (at, time, level, words) VALUES (?, ?, ?, ?)",
-            _now(), time, level, words,
+            utc_now(), time, level, words,
         )  # fmt: skip
 
     def events(self, after: int = 0) -> tuple[JournalEvent, ...]:
@@ -320,5 +320,6 @@ def _sqlite_errors_as_input_errors(path: Path) -> Generator[None]:
         ).located(path) from None
 
 
-def _now() -> str:
+def utc_now() -> str:
+    """Return the present time, ISO 8601 in UTC, to the millisecond."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")

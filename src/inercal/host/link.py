@@ -32,8 +32,25 @@ _PARITIES = {"none": "N", "even": "E", "odd": "O"}
 class LinkLost(InercalError):
     """The other end does not answer or closed the link; `names` contains its address, if known."""
 
+    @classmethod
+    def at(cls, address: str, text: str) -> Self:
+        """Return the error about the link at an address, which stands before the text."""
+        return cls(f"{address}: {text}", names=(address,))
 
-class Link(Protocol):
+
+class DeviceConnection(Protocol):
+    """A connection to a device, which is closed at the end of its `with` block."""
+
+    def close(self) -> None:
+        """Close the connection; a second call does nothing."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+class Link(DeviceConnection, Protocol):
     """A stream of bytes in both directions."""
 
     address: str
@@ -48,14 +65,6 @@ class Link(Protocol):
     def write(self, data: bytes) -> None:
         """Send all bytes; raises `LinkLost` if the other end is gone."""
         ...
-
-    def close(self) -> None:
-        """Close the link; a second call does nothing."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_: object) -> None: ...
 
 
 class TcpLink(Closeable):
@@ -75,10 +84,10 @@ class TcpLink(Closeable):
         except OSError as error:
             raise _lost_connection(self.address, error) from error
         if not data:
-            raise LinkLost(
-                f"{self.address}: the device has closed the connection; check its power and that "
-                "no other program uses it",
-                names=(self.address,),
+            raise LinkLost.at(
+                self.address,
+                "the device has closed the connection; check its power and that no other program "
+                "uses it",
             )
         return data
 
@@ -112,10 +121,10 @@ class SerialLink(Closeable):
         try:
             self._port = serial.Serial(path, baud, bits, _PARITIES[parity], stop, timeout=0)
         except (*self._broken, ValueError) as error:
-            raise LinkLost(
-                f"{self.address}: the port cannot be opened: {_reason(error)}; check its name, "
-                "your rights, and that no other program uses it",
-                names=(self.address,),
+            raise LinkLost.at(
+                self.address,
+                f"the port cannot be opened: {_reason(error)}; check its name, your rights, and "
+                "that no other program uses it",
             ) from error
 
     def read(self, most: int, timeout: float) -> bytes:
@@ -168,6 +177,26 @@ def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
         No device answers, or the port cannot be opened.
     """
     return LINKS.for_address(address, _possible_links)(address, opening)
+
+
+class ReopenedLink(Closeable):
+    """A link that is opened when it is needed, and again after it was closed."""
+
+    def __init__(self, address: str):
+        self.address = address
+        self._link: Link | None = None
+
+    def _open(self) -> Link:
+        """Return the link; if there is none, open it without sending anything."""
+        if self._link is None:
+            self._link = open_link(self.address)
+        return self._link
+
+    def close(self) -> None:
+        """Close the link if it is open; the next request opens it again."""
+        if self._link is not None:
+            self._link.close()
+            self._link = None
 
 
 def open_tcp(address: str, opening: float) -> Link:
@@ -237,16 +266,11 @@ def connect_socket(address: str, place: tuple[str, int], opening: float) -> sock
     try:
         result = socket.create_connection(place, opening)
     except OSError as error:
-        raise LinkLost(
-            f"{address}: cannot connect: {_reason(error)}; check the address, the cable and the "
-            "power",
-            names=(address,),
-        ) from error
+        why = f"cannot connect: {_reason(error)}; check the address, the cable and the power"
+        raise LinkLost.at(address, why) from error
     except UnicodeError as error:  # Python raises this for an invalid host name such as "a..b"
-        raise LinkLost(
-            f"{address}: cannot connect: {place[0]!r} is not a host name; correct the address",
-            names=(address,),
-        ) from error
+        why = f"cannot connect: {place[0]!r} is not a host name; correct the address"
+        raise LinkLost.at(address, why) from error
     result.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return result
 
@@ -284,10 +308,8 @@ def _integer_parameter(
 
 
 def _lost_connection(address: str, error: Exception) -> LinkLost:
-    return LinkLost(
-        f"{address}: the connection is lost: {_reason(error)}; check the cable and the power",
-        names=(address,),
-    )
+    why = f"the connection is lost: {_reason(error)}; check the cable and the power"
+    return LinkLost.at(address, why)
 
 
 def _reason(error: Exception) -> str:

@@ -255,10 +255,11 @@ class RunRecorder(Closeable):
 
     def _loss_warnings(self, time: float) -> list[str]:
         """Return messages about losses; a message is repeated if the losses increase."""
-        tally = self.assembly.tally
-        counts, before = tally.bytes, self._losses
-        left_out = tally.samples_without_angle + tally.samples_with_unusable_angle
-        losses = counts.lost, counts.failed, left_out, tally.implausible_polls
+        assembly, before = self.assembly, self._losses
+        counts, table = assembly.imu.counts, assembly.table
+        samples = assembly.samples + assembly.samples_without_angle
+        left_out = assembly.samples_without_angle + assembly.samples_with_unusable_angle
+        losses = counts.lost, counts.failed, left_out, table.implausible
         if losses == before or time - self._last_loss_warning < _LOSS_WARNING_INTERVAL:
             return []
         self._losses, self._last_loss_warning = losses, time
@@ -270,12 +271,12 @@ class RunRecorder(Closeable):
             )
         if left_out != before[2]:
             result.append(
-                f"so far {left_out} samples of {tally.samples + tally.samples_without_angle} have "
+                f"so far {left_out} samples of {samples} have "
                 "no usable angle: the table was polled too slowly while it turned, or was homing"
             )
-        if tally.implausible_polls != before[3]:
+        if table.implausible != before[3]:
             result.append(
-                f"so far {tally.implausible_polls} readings of {tally.polls} of the table were "
+                f"so far {table.implausible} readings of {table.count} of the table were "
                 "left out: they imply motion beyond its limits; a corrupted digit, noise, an "
                 "intermittent offset or a clock jump looks like this"
             )

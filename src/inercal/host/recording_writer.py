@@ -177,25 +177,25 @@ def write_recording(
     of_chamber = np.array(chamber).reshape(-1, 3)
     of_chamber[:, 0] -= assembly.recording_start or 0.0
     columns = _recording_columns(run, assembly, blocks, of_chamber)
-    tally, path = assembly.tally, Path(folder) / run.data.file
+    path = Path(folder) / run.data.file
     told: dict[str, Any] = {
         "packets": layout.name,
         "protection": layout.protection,
         "log sha256": log_sha256 or file_sha256(log),
-        "samples": tally.samples,
-        host_readback.POLLS: tally.polls,
-        "polls left out": tally.poll_drops,
-        host_readback.IMPLAUSIBLE_POLLS: tally.implausible_polls,
-        **{f"bytes: {name}": n for name, n in asdict(tally.bytes).items()},
-        **{f"packets left out: {name}": n for name, n in asdict(tally.drops).items()},
+        "samples": assembly.samples,
+        host_readback.POLLS: assembly.table.count,
+        "polls left out": assembly.table.drops,
+        host_readback.IMPLAUSIBLE_POLLS: assembly.table.implausible,
+        **{f"bytes: {name}": n for name, n in asdict(assembly.imu.counts).items()},
+        **{f"packets left out: {name}": n for name, n in asdict(assembly.imu.drops).items()},
         host_readback.INTERRUPTIONS: host_readback.write_interruptions(_interruptions(assembly)),
         **(about or {}),
     }
     reads_angles = bool(readback_columns(run))
     if reads_angles:
         told |= {
-            "samples without angle": tally.samples_without_angle,
-            host_readback.UNUSABLE_ANGLES: tally.samples_with_unusable_angle,
+            "samples without angle": assembly.samples_without_angle,
+            host_readback.UNUSABLE_ANGLES: assembly.samples_with_unusable_angle,
         }
     table = unpack_states(said)
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
@@ -218,7 +218,7 @@ def write_recording(
             for name in ("time", "span", "angle", "rate", "following_error"):
                 group[name] = getattr(table, name)
             for name in AngleQuality._fields:
-                group[name] = np.concatenate([getattr(one, name) for one in blocks])
+                group[name] = np.concatenate([getattr(one.quality, name) for one in blocks])
     return path
 
 
@@ -227,7 +227,7 @@ def _interruptions(assembly: SampleAssembler) -> list[host_readback.Interruption
     begin = assembly.recording_start or 0.0
     return [
         host_readback.Interruption(one.start - begin, one.stop - begin, "; ".join(one.causes))
-        for one in assembly.interruptions
+        for one in assembly.interruptions.spans
         if one.start > begin
     ]
 
@@ -251,7 +251,7 @@ def _recording_columns(
         str(data.time): np.concatenate([one.time for one in blocks]),
         **{str(name): output[:, k] for k, name in enumerate(names)},
         **{name: said[:, k] for k, name in enumerate(of_table)},
-        str(data.row): assembly.labels(table),
+        str(data.row): assembly.sections.labels(table),
     }
     if (hold := getattr(data, "hold", None)) is not None:
         columns[str(hold)] = np.concatenate([one.hold for one in blocks])

@@ -291,19 +291,13 @@ def _require_same_kind(
     path: str | os.PathLike[str], was: JournalHeader, table: str, clock: str
 ) -> None:
     """Raise an error if a simulated run would continue on a real bench, or vice versa."""
+    words = ""
     if was.clock and not clock and table != was.table:
-        raise InputError(
-            f"{path} was begun on a simulated bench: give the clock's address "
-            "as well as the table's",
-            file=Path(path),
-            key="--clock",
-        )
-    if clock and not was.clock:
-        raise InputError(
-            f"{path} was not begun on a simulated bench: resume it without --clock {clock}",
-            file=Path(path),
-            key="--clock",
-        )
+        words = "was begun on a simulated bench: give the clock's address as well as the table's"
+    elif clock and not was.clock:
+        words = f"was not begun on a simulated bench: resume it without --clock {clock}"
+    if words:
+        raise InputError(f"{path} {words}", file=Path(path), key="--clock")
 
 
 def _referenced_files(run_file: Path) -> list[str]:

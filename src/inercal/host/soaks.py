@@ -65,33 +65,29 @@ def require_chamber(run: Run, layout: PacketLayout, chamber: str) -> None:
         neither the packets nor the run file show when a soak is stable.
     """
     environment = run.environment
-    key = "[environment] temperatures"
+
+    def refusal(text: str, key: str = "temperatures") -> InputError:
+        return key_error(f"[environment] {key}", text, run.path)
+
     if environment is None or not has_soaks(run):
         if chamber:
-            raise key_error(
-                key,
+            raise refusal(
                 "a run in a chamber needs them; add the temperatures of the soaks, or leave out "
-                "--chamber",
-                run.path,
+                "--chamber"
             )
         return
     if not chamber:
-        raise key_error(
-            key,
+        raise refusal(
             "give the address of the chamber with --chamber, or remove the key to carry out the "
-            "plan at one temperature",
-            run.path,
+            "plan at one temperature"
         )
     if host_plan(run).spins:
-        raise key_error(
-            key, "an operator mounts the sensor during this plan; use a turntable", run.path
-        )
+        raise refusal("an operator mounts the sensor during this plan; use a turntable")
     if "temperature" not in layout.roles and not environment.profile.wait:
-        raise key_error(
-            "[environment] wait",
+        raise refusal(
             f"the packets of {layout.name} contain no temperature, so state how long the sensor "
             'needs to follow the chamber, such as wait = "45 min"',
-            run.path,
+            "wait",
         )
 
 

@@ -207,6 +207,8 @@ class TableDriver:
     at_rest : bool
         Whether no axis moved at the last reading and no command was sent after it. Also true before
         the first reading.
+    commanded_motion : CommandedMotion
+        The motion that this program has commanded.
     """
 
     def __init__(
@@ -222,7 +224,7 @@ class TableDriver:
         self._commanded, self._failed_readings = False, 0
         self._shortest_round_trip = inf
         self._servos_off = False
-        self._commanded_motion = CommandedMotion(table.axes)
+        self.commanded_motion = CommandedMotion(table.axes)
         self._last_reading, self._stopped_blind, self._may_turn = monotonic(), False, False
 
     def read(self) -> tuple[float, TableState] | None:
@@ -299,7 +301,7 @@ class TableDriver:
         self._may_turn |= self._commanded
         self.at_rest = self.at_rest and not commands
         for command in commands:
-            self._commanded_motion.record(command)
+            self.commanded_motion.record(command)
             match command:
                 case sequencer.EnableCommand(axis):
                     self._table.enable(self._name(axis))
@@ -330,13 +332,6 @@ class TableDriver:
                     "commanded anything: another program commands the table; end it first",
                     names=(name,),
                 )
-
-    def check_commanded(self, state: TableState, *, hands_on: bool = False) -> str | None:
-        """Describe motion that this program has not commanded; None if there is none.
-
-        `hands_on` means that an operator is working at the table.
-        """
-        return self._commanded_motion.check(state, hands_on=hands_on)
 
     def _name(self, axis: int | None) -> str | None:
         """Return the name of an axis; None means all axes."""

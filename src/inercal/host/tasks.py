@@ -3,40 +3,37 @@
 from typing import Any, NamedTuple
 
 from inercal.basics.errors import InputError
-from inercal.benches.motion_control import ControlledBench, MotionControl, Task
+from inercal.benches.motion_control import ControlledBench, Task
 from inercal.runfile import Run
 
 
 class HostPlan(NamedTuple):
-    """The bench, the tasks of all soaks and the settings that a host needs from a run file."""
+    """The bench and the tasks of all soaks; if the table spins, an operator mounts the sensor."""
 
     bench: ControlledBench
-    kind: MotionControl
     tasks: tuple[Task, ...]
+    spins: bool
 
     @property
     def seconds(self) -> float:
         """Duration of all tasks, without the time that the operator needs, s."""
         return sum(one.approach + one.seconds for one in self.tasks)
 
-    @property
-    def spins(self) -> bool:
-        """Whether the table turns at rates, and an operator changes the mountings."""
-        return self.kind.quantity == "rate"
-
 
 def host_plan(run: Run) -> HostPlan:
-    """Return the bench, tasks and settings that a host needs from a run file.
+    """Return the bench and the tasks that a host needs from a run file.
 
     Raises
     ------
     InputError
         No host can drive the bench, or the host cannot carry out the plan.
     """
-    kind, bench = run.motion_control, run.bench
-    controlled: Any = bench  # the kind of the bench guarantees that there are axes
+    control = run.motion_control
+    bench: Any = run.bench  # the kind of the bench guarantees that there are axes
     times = len(run.environment.soaks) if run.environment and has_soaks(run) else 1
-    return HostPlan(controlled, kind, tuple(kind.tasks(bench, run.steps)) * times)
+    return HostPlan(
+        bench, tuple(control.tasks(bench, run.steps)) * times, control.quantity == "rate"
+    )
 
 
 def has_soaks(run: Run) -> bool:

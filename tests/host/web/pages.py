@@ -19,12 +19,10 @@ from websockets.sync.client import ClientConnection, connect
 from inercal.host.tasks import RunOptions
 from inercal.host.web.access import Access
 from inercal.host.web.device_catalogue import DeviceCatalogue
+from inercal.host.web.folders import Plans, Runs
 from inercal.host.web.hub import Hub
 from inercal.host.web.json_objects import RefusalLog
-from inercal.host.web.plans import Plans
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import ProcessRequest, RunRequest
-from inercal.host.web.runs import Runs
+from inercal.host.web.run_request import ProcessRequest, RunProcess, RunRequest
 from inercal.host.web.server import WebServer, listening_socket, web_server
 
 PATIENCE = 20.0  # s

@@ -24,7 +24,9 @@ def main() -> None:
     os.set_blocking(poke, False)
     signal.signal(signal.SIGINT, lambda *_: None)
     signal.set_wakeup_fd(poke)
-    tell("plan", run=run, sensor=order["sensor"], by=order["requested_by"], speed=order["speed"])
+    tell(
+        "plan", run=run, sensor=order["sensor"], by=order["requested_by"], speed=order["options"][0]
+    )
     tell("phase", run=run, words="scripted")
     for k in range(STEPS):
         at = "2026-11-22T12:00:00.000+00:00"

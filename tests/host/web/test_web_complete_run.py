@@ -16,8 +16,8 @@ from websockets.exceptions import InvalidStatus
 
 from inercal.calibration.files import load
 from inercal.host.journal import Journal
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import RunRequest
+from inercal.host.tasks import RunOptions
+from inercal.host.web.run_request import RunProcess, RunRequest
 from inercal.laboratory.store import Register
 from inercal.physics.sensors import G0
 from inercal.pipeline import calibrate
@@ -74,7 +74,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
 
 def seeded(order: RunRequest) -> RunProcess:
     """Start a run on a bench that is the same whenever this is tested."""
-    return RunProcess(replace(order, seed=3, speed=50.0))
+    return RunProcess(replace(order, seed=3, options=RunOptions(50.0)))
 
 
 def hear_last_samples(page: Page) -> None:

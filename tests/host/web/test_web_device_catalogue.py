@@ -15,8 +15,8 @@ from inercal.host.tasks import RunOptions
 from inercal.host.web import device_catalogue
 from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
+from inercal.host.web.folders import Plans
 from inercal.host.web.json_objects import RefusalHandler, RefusalLog
-from inercal.host.web.plans import Plans
 from inercal.host.web.run_request import (
     RunRequest,
     SimulationRequest,
@@ -172,18 +172,18 @@ def test_plans_that_are_none_are_listed_with_their_trouble(tmp_path: Path):
 
 def test_an_order_comes_through_as_it_was_given():
     order = RunRequest(
-        "/runs/a", "/plans/p.toml", "MIMU", "Ada", "t", "i", "c", "fixed", 7, 2.0, "r"
+        "/runs/a", "Ada", "t", "i", "c", "fixed", 7, "/plans/p.toml", "MIMU", "r", RunOptions(2.0)
     )
     assert RunRequest.from_json(order.json_line) == order
-    watched = replace(order, temperature=(288.15, 313.15), patience=30.0)
+    watched = replace(order, options=RunOptions(2.0, (288.15, 313.15), 30.0))
     assert RunRequest.from_json(watched.json_line) == watched
-    assert watched.options == RunOptions(2.0, (288.15, 313.15), 30.0)
     for line in (
         "",
         "{}",
         "[1]",
         '{"folder": "x", "burn": 1}',
-        '{"folder": "x", "temperature": 3}',
+        '{"folder": "x", "options": 3}',
+        '{"folder": "x", "options": [null, 3, 120.0]}',
     ):
         with refused(key="request"):
             RunRequest.from_json(line)

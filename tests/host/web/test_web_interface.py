@@ -35,8 +35,7 @@ from inercal.host.journal import Journal
 from inercal.host.web import page_messages
 from inercal.host.web.access import Access
 from inercal.host.web.interface import COMMANDS, READ_TOKEN, RECORDS, units_of
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import RunRequest
+from inercal.host.web.run_request import RunProcess, RunRequest
 from inercal.runfile import read
 
 ROOT = Path(__file__).parents[3]

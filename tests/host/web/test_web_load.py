@@ -20,7 +20,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal
-from inercal.host.precompilation import precompile_run
+from inercal.host.preparation import precompile_run
 
 RATE, VIEWERS, SLOW_POSTS, SOCKETS = 2000, 20, 300, 40
 GIVEN = {"table": {"id": "given"}, "imu": {"id": "given"}}

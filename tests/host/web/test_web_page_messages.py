@@ -35,9 +35,10 @@ def state(run_file: Run, estimation: str, *, homed: bool = True, **more: Any) ->
         for angle in ANGLES.tolist()
     )
     counts = EndMessage(packets=0, lost=0, failed=0, discarded=0)
-    tally = EndMessage(bytes=counts, samples=0, samples_without_angle=0)
+    imu = EndMessage(counts=counts)
+    assembly = EndMessage(imu=imu, samples=0, samples_without_angle=0)
     account = EndMessage(
-        assembly=EndMessage(tally=tally),
+        assembly=assembly,
         estimation=estimation,
         navigation=more.get("navigation"),
         temperature=float("nan"),

@@ -15,8 +15,8 @@ from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Served
 
 from inercal.calibration import Calibration
 from inercal.calibration.files import load
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import RunRequest
+from inercal.host.tasks import RunOptions
+from inercal.host.web.run_request import RunProcess, RunRequest
 from inercal.methods import METHODS
 from inercal.pipeline import calibrate
 from inercal.runfile import read
@@ -67,7 +67,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
 
 
 def seeded(order: RunRequest) -> RunProcess:
-    return RunProcess(replace(order, seed=3, speed=50.0))
+    return RunProcess(replace(order, seed=3, options=RunOptions(50.0)))
 
 
 @pytest.mark.slow

@@ -15,8 +15,8 @@ from tests.host.simulated_runs import INERCAL, SHORT, plan, quick
 from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Page, Served, opened
 
 from inercal.host.journal import Journal
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import RunRequest, run_in_progress
+from inercal.host.tasks import RunOptions
+from inercal.host.web.run_request import RunProcess, RunRequest, run_in_progress
 from inercal.laboratory.store import Register
 
 pytestmark = pytest.mark.slow
@@ -138,7 +138,7 @@ def test_a_server_started_anew_finds_the_run_stops_it_resumes_it_and_ends_with_i
 
 def hurried(order: RunRequest) -> RunProcess:
     """Start a run on a bench that is 30 times as fast as a real one."""
-    return RunProcess(replace(order, speed=30.0))
+    return RunProcess(replace(order, options=RunOptions(30.0)))
 
 
 @pytest.mark.evidence

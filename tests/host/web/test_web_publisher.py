@@ -7,18 +7,29 @@ from time import monotonic
 
 import pytest
 
+from inercal.host.web import worker_process
 from inercal.host.web.message_history import MessageHistory, coarse_to_fine
-from inercal.host.web.worker_process import DroppingQueue, Publisher
+from inercal.host.web.worker_process import Publisher
 
 PATIENCE = 20.0  # s
 
 
-def test_of_what_waits_the_oldest_pictures_give_way_and_the_order_stays():
-    lanes: DroppingQueue[int] = DroppingQueue(max_droppable=2)
-    for k in range(10):
-        lanes.put(k, must_keep=k % 3 == 0)
-    taken = [lanes.take() for _ in range(7)]
-    assert taken == [0, 3, 6, 7, 8, 9, None]
+def test_of_what_waits_the_oldest_pictures_give_way_and_the_order_stays(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.setattr(worker_process, "MAX_DROPPABLE", 2)
+    out, into = os.pipe()
+    with Publisher(into) as publisher:
+        publisher.publish("event", n=-1, words="x" * 200_000)  # more than the pipe takes
+        for k in range(10):
+            publisher.publish("state" if k % 3 else "event", n=k)
+        data = b""
+        while data.count(b"\n") < 7:
+            data += os.read(out, 1 << 16)
+    messages = [json.loads(line.partition(b" ")[2]) for line in data.splitlines()]
+    assert [one["n"] for one in messages] == [-1, 0, 3, 6, 7, 8, 9]
+    for end in (out, into):
+        os.close(end)
 
 
 def read_all(descriptor: int) -> list[dict[str, object]]:

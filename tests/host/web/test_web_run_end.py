@@ -11,6 +11,7 @@ import pytest
 from inercal.basics.errors import InercalError
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
+from inercal.host.tasks import RunOptions
 from inercal.host.web import worker
 from inercal.host.web.run_request import RunRequest, premature_end_message
 from inercal.host.web.worker import CommandRelay, RunController
@@ -33,7 +34,7 @@ def order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunRequest:
     monkeypatch.setattr(worker, "precompile_run", lambda *_: None)
     return RunRequest(
         str(tmp_path / "run"),
-        str(files("inercal").joinpath("demo.toml")),
+        plan=str(files("inercal").joinpath("demo.toml")),
         table=f"pmac://{NOBODY}?motors=1,2,3&counts=3600000",
         imu=f"tcp://{NOBODY}?preset=fixed",
         register=str(tmp_path / "register.db"),
@@ -62,7 +63,9 @@ def test_packets_without_a_temperature_are_refused_where_it_is_to_be_watched(
     order: RunRequest, publisher: Publisher
 ):
     order = replace(
-        order, imu=f"tcp://{NOBODY}?preset=novatel", temperature=(288.15, 313.15), patience=30.0
+        order,
+        imu=f"tcp://{NOBODY}?preset=novatel",
+        options=RunOptions(None, (288.15, 313.15), 30.0),
     )
     words = failed(order, publisher)
     assert words == "the packets of novatel contain no temperature; leave --temperature out"

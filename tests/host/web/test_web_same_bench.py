@@ -13,8 +13,7 @@ from inercal.basics.arrays import Array
 from inercal.calibration.files import load
 from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR, POLL_INTERVAL
 from inercal.host.bench_simulator import BenchSimulator
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import RunRequest
+from inercal.host.web.run_request import RunProcess, RunRequest
 from inercal.physics.plan import Position
 from inercal.pipeline import calibrate
 from inercal.recordings.io.hdf5 import read_group

@@ -9,8 +9,7 @@ from tests.host.test_ship_run import MOUNTINGS, ship, squared_error
 from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Served
 
 from inercal.host.journal import Journal
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import RunRequest
+from inercal.host.web.run_request import RunProcess, RunRequest
 from inercal.pipeline import calibrate
 from inercal.runfile import read
 

@@ -16,7 +16,7 @@ from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL, LOG
 from inercal.host.run_log import RunLog
 from inercal.host.tasks import RunOptions
-from inercal.host.web import app, live_socket, run_process, runs, viewers
+from inercal.host.web import app, folders, live_socket, run_request, viewers
 from inercal.host.web.run_request import PROCESS_RECORD, RunRequest, write_process_record
 
 
@@ -255,7 +255,7 @@ def begun_elsewhere(served: Served, name: str = "other") -> Path:
 def signalled(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
     """Return which process is sent what, instead of sending it."""
     sent: list[tuple[int, int]] = []
-    monkeypatch.setattr(runs, "kill", lambda process, what: sent.append((process, what)))
+    monkeypatch.setattr(folders, "kill", lambda process, what: sent.append((process, what)))
     return sent
 
 
@@ -366,7 +366,7 @@ def test_a_run_that_the_disk_has_no_room_for_is_refused_before_it_begins(
 def test_the_ambient_temperature_goes_with_the_order_and_is_a_number(tmp_path: Path):
     orders: list[RunRequest] = []
 
-    def start(order: RunRequest) -> run_process.RunProcess:
+    def start(order: RunRequest) -> run_request.RunProcess:
         orders.append(order)
         return scripted(order)
 
@@ -385,7 +385,7 @@ def test_the_ambient_temperature_goes_with_the_order_and_is_a_number(tmp_path: P
 def test_limits_that_the_server_was_given_are_those_of_each_run(tmp_path: Path):
     orders: list[RunRequest] = []
 
-    def start(order: RunRequest) -> run_process.RunProcess:
+    def start(order: RunRequest) -> run_request.RunProcess:
         orders.append(order)
         return scripted(order)
 
@@ -446,7 +446,7 @@ def test_a_process_that_cannot_be_started_is_said_and_what_was_shown_stays(
     def fails(*_: object, **__: object) -> None:
         raise OSError(EMFILE, os.strerror(EMFILE))
 
-    monkeypatch.setattr(run_process, "Popen", fails)
+    monkeypatch.setattr(run_request, "Popen", fails)
     ada.say("start", plan="demo", sensor=None, **SIMULATED)
     words = ada.until("refused")["words"]
     assert "Too many open files" in words

@@ -16,21 +16,19 @@ continues), and `since`, the run time in s when this began. Other events are ign
 """
 
 import json
-from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.turntable import require_turntable
 from inercal.host.assembly import section_timeline
-from inercal.host.assembly.imu_samples import DroppedPackets, ReceivedSamples
+from inercal.host.assembly.imu_samples import ReceivedSamples
 from inercal.host.assembly.packet_dating import PacketRows
 from inercal.host.assembly.table_polls import POLL_INTERVAL, RatePolls, TablePolls
-from inercal.host.packets import PacketCounts, PacketLayout
+from inercal.host.packets import PacketLayout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
 from inercal.host.tasks import host_plan, required_rate
 from inercal.recordings import AngleQuality, Track
@@ -62,8 +60,8 @@ class SampleBlock(NamedTuple):
         Temperature in K; NaN if unknown.
     table : (n,) array
         Time by the table's clock, s.
-    noise_gain, interpolation_sd : (n,) array
-        Quality of the angles (see `AngleQuality`); the standard deviation is in rad.
+    quality : AngleQuality
+        Quality of the angles; the standard deviation is in rad.
     starts_recording : bool
         Whether the recording begins with this block. If so, earlier samples are void.
     """
@@ -76,8 +74,7 @@ class SampleBlock(NamedTuple):
     hold: Indices
     temperature: Array
     table: Array
-    noise_gain: Array
-    interpolation_sd: Array
+    quality: AngleQuality
     starts_recording: bool
 
     @property
@@ -90,43 +87,7 @@ class SampleBlock(NamedTuple):
     @property
     def track(self) -> Track:
         """The samples as a track, with the angles that the driver reports."""
-        quality = AngleQuality(self.noise_gain, self.interpolation_sd)
-        return Track(self.time, self.reading, self.angles, self.hold, angle_quality=quality)
-
-
-@dataclass(frozen=True)
-class SampleTally:
-    """Counts of packets and samples by outcome.
-
-    Parameters
-    ----------
-    samples : int
-        Samples that were returned since the recording began.
-    bytes : PacketCounts
-        Counts of packets and bytes from the IMU in all sessions.
-    drops : DroppedPackets
-        Packets that did not become samples.
-    samples_without_angle : int
-        Samples that were omitted because the table's angles are unknown.
-    samples_with_unusable_angle : int
-        Samples with an angle that no filter uses, because the table was polled too rarely while it
-        turned.
-    polls : int
-        Polls of the table.
-    poll_drops : int
-        Polls with a time that is not later than the time of the previous poll.
-    implausible_polls : int
-        Polls that were omitted because they imply motion that the table cannot make.
-    """
-
-    samples: int
-    bytes: PacketCounts
-    drops: DroppedPackets
-    samples_without_angle: int
-    samples_with_unusable_angle: int
-    polls: int
-    poll_drops: int
-    implausible_polls: int
+        return Track(self.time, self.reading, self.angles, self.hold, angle_quality=self.quality)
 
 
 class SampleAssembler:
@@ -150,6 +111,16 @@ class SampleAssembler:
         The packets of the IMU.
     table : TablePolls or RatePolls
         The polls of the table.
+    sections : SectionTimeline
+        The sections so far, by the table's clock.
+    interruptions : InterruptionList
+        The interruptions so far.
+    samples : int
+        Number of samples in the recording.
+    samples_without_angle : int
+        Number of packets that were left out because the table's angles are unknown.
+    samples_with_unusable_angle : int
+        Number of samples whose angle has an infinite uncertainty; they are among `samples`.
 
     Raises
     ------
@@ -161,15 +132,14 @@ class SampleAssembler:
     def __init__(
         self, run: Run, layout: PacketLayout, poll: float = POLL_INTERVAL, imu_kind: int = IMU
     ):
-        plan = host_plan(run)
-        control, bench = plan.kind, plan.bench
+        control, bench = run.motion_control, host_plan(run).bench
         self.sensor = run.sensor
         self.imu = ReceivedSamples(run.sensor, layout, required_rate(run))
         self.table = (
             TablePolls(poll, require_turntable(run)) if control.has_attitude else RatePolls(bench)
         )
         self._settling = control.settling(bench)
-        self._sections = section_timeline.SectionTimeline(self._settling)
+        self.sections = section_timeline.SectionTimeline(self._settling)
         # Size in SI of the unit of each axis' column in the recording; a negative size reverses the
         # sign.
         sizes = readback_units(run)
@@ -179,27 +149,8 @@ class SampleAssembler:
         self._imu_kind = imu_kind
         self._pending: list[LogFrame] = []
         self._attempt: int = 0
-        self._interruptions = section_timeline.InterruptionList()
+        self.interruptions = section_timeline.InterruptionList()
         self._start_recording()
-
-    @property
-    def sections(self) -> tuple[section_timeline.SectionSpan, ...]:
-        """The sections so far, by the table's clock."""
-        return tuple(replace(one) for one in self._sections.spans)
-
-    @property
-    def tally(self) -> SampleTally:
-        """Counts of all data processed so far, by outcome."""
-        imu, table = self.imu, self.table
-        return SampleTally(
-            self._count, imu.counts, replace(imu.drops), self._no_angle, self._unusable,
-            table.count, table.drops, table.implausible,
-        )  # fmt: skip
-
-    @property
-    def interruptions(self) -> tuple[section_timeline.InterruptionSpan, ...]:
-        """The interruptions, with their run times in s and causes."""
-        return tuple(replace(one) for one in self._interruptions.interruptions)
 
     @property
     def offset(self) -> float | None:
@@ -211,7 +162,7 @@ class SampleAssembler:
     @property
     def is_recording(self) -> bool:
         """Whether samples are produced: the clocks are related, and the recording has begun."""
-        return self.offset is not None and self._sections.start < np.inf
+        return self.offset is not None and self.sections.start < np.inf
 
     @property
     def recording_start(self) -> float | None:
@@ -258,7 +209,7 @@ class SampleAssembler:
         for kind, group in groupby(_sort_frames(pending), key=lambda one: one.kind):
             frames = list(group)
             if kind != EVENT:
-                self._interruptions.hear(max(frame.time for frame in frames))
+                self.interruptions.hear(max(frame.time for frame in frames))
             if kind == IMU:
                 self.imu.feed(frames)
             elif kind == TABLE:
@@ -268,22 +219,15 @@ class SampleAssembler:
                     self._process_event(frame)
         return self._block()
 
-    def labels(self, table: Array) -> NDArray[np.str_]:
-        """Return the labels at the table times of samples, (n,), as in `SampleBlock.table`.
-
-        The label is "" outside sections and in void sections.
-        """
-        return self._sections.labels(table)
-
     def _process_event(self, frame: LogFrame) -> None:
         event = _parse_event(frame)
-        self._interruptions.add_event(frame.time, event)
+        self.interruptions.add_event(frame.time, event)
         if event.get("cause") is not None:
             self.table.expect_stop()
         if event.get("what") == "section":
-            self._sections.add_event(event, self.table.wrap_offset)
+            self.sections.add_event(event, self.table.wrap_offset)
         elif event.get("what") == "session":
-            self._sections.begin_session(int(event.get("next", 0)), self.table.last)
+            self.sections.begin_session(int(event.get("next", 0)), self.table.last)
             self.imu.begin_session()
             wraps = event.get("wraps")
             self.table.begin_session(np.inf if wraps is None else float(wraps))
@@ -291,26 +235,27 @@ class SampleAssembler:
     def _start_recording(self) -> None:
         """Begin a new recording."""
         self._first_tick: float | None = None  # tick
-        self._count, self._holds, self._no_angle, self._unusable = 0, 0, 0, 0
+        self.samples = self.samples_without_angle = self.samples_with_unusable_angle = 0
+        self._holds = 0
         self._last_hold_sample = (-1, -np.inf)  # section and time of the last hold sample
 
     def _block(self) -> SampleBlock | None:
         offset, imu = self.offset, self.imu
         if offset is None:
             return None
-        if self._sections.attempt != self._attempt:
-            self._attempt = self._sections.attempt
+        if self.sections.attempt != self._attempt:
+            self._attempt = self.sections.attempt
             self._start_recording()
         samples = self._ready_samples(self.table.complete_until - self._settling, offset)
         if samples is None:
             return None
         table = samples.ticks / imu.per_second - offset
-        late = table >= self._sections.start
+        late = table >= self.sections.start
         angles, quality, there = self.table.readback(table)
         self.table.discard_old(float(table[-1]))
         if not self._records_angles:  # samples are valid even if the table was not polled
             angles[~there], there = np.nan, np.ones_like(there)
-        self._no_angle += int(np.sum(late & ~there))
+        self.samples_without_angle += int(np.sum(late & ~there))
         kept = late & there
         if not kept.any():
             return None
@@ -320,9 +265,9 @@ class SampleAssembler:
         begins = self._first_tick is None
         if self._first_tick is None:
             self._first_tick = float(samples.ticks[0])
-        self._count += table.size
+        self.samples += table.size
         if self._records_angles:
-            self._unusable += int(np.sum(np.isinf(quality.interpolation_sd)))
+            self.samples_with_unusable_angle += int(np.sum(np.isinf(quality.interpolation_sd)))
         said = angles / self._units if self._records_angles else np.zeros((table.size, 0))
         time = (samples.ticks - self._first_tick) / imu.per_second
         return SampleBlock(
@@ -334,7 +279,7 @@ class SampleAssembler:
             self._hold_numbers(table, time),
             samples.temperature,
             table,
-            *quality,
+            quality,
             begins,
         )
 
@@ -351,7 +296,7 @@ class SampleAssembler:
 
     def _hold_numbers(self, table: Array, time: Array) -> Indices:
         """Return the number of the hold to which each sample belongs."""
-        section = self._sections.hold_indices(table)
+        section = self.sections.hold_indices(table)
         held = np.flatnonzero(section >= 0)
         number = np.full(table.size, -1, np.int64)
         if held.size:

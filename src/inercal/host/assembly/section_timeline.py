@@ -168,12 +168,12 @@ class InterruptionList:
 
     Attributes
     ----------
-    interruptions : list of InterruptionSpan
+    spans : list of InterruptionSpan
         Interruptions in the order of time.
     """
 
     def __init__(self) -> None:
-        self.interruptions: list[InterruptionSpan] = []
+        self.spans: list[InterruptionSpan] = []
         self._last = 0.0
 
     def hear(self, time: float) -> None:
@@ -193,16 +193,16 @@ class InterruptionList:
 
     @property
     def _is_open(self) -> bool:
-        return bool(self.interruptions) and self.interruptions[-1].is_open
+        return bool(self.spans) and self.spans[-1].is_open
 
     def _begin(self, time: float, cause: str) -> None:
         if not self._is_open:
-            self.interruptions.append(InterruptionSpan(time, time, []))
-        last = self.interruptions[-1]
+            self.spans.append(InterruptionSpan(time, time, []))
+        last = self.spans[-1]
         if cause and cause not in last.causes:
             last.causes.append(cause)
 
     def _end(self, time: float) -> None:
         if self._is_open:
-            last = self.interruptions[-1]
+            last = self.spans[-1]
             last.stop, last.is_open = time, False

@@ -10,6 +10,7 @@ The readings in IMU packets get the nominal readout of the run file as they arri
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -225,7 +226,8 @@ class TextRows:
         if layout is not None:
             self._skip_lines = layout.first_line - 1
         else:
-            layout = _layout_of_recording(run)
+            with suppress(InputError):  # [data] names no text file
+                layout = layout_of_file(run, run.file(run.data.file))
         if layout is not None:
             self._set_layout(layout, layout.names)
 
@@ -375,11 +377,3 @@ def layout_of_file(run: Run, path: Path) -> TextLayout:
     skip = run.reader_options.get("skip", 0)
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         return sniff_lines(file, path.name, skip if isinstance(skip, int) else 0)
-
-
-def _layout_of_recording(run: Run) -> TextLayout | None:
-    """Return the layout of the file that [data] names; None if there is no such text file."""
-    try:
-        return layout_of_file(run, run.file(run.data.file))
-    except InputError:
-        return None

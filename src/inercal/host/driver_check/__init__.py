@@ -143,13 +143,6 @@ class ChamberProbe(LinkProbe[Chamber]):
                     f"and below {high - ZERO_CELSIUS:.2f} °C"
                 )
 
-    def bring_to_rest(self) -> None:
-        """See `LinkProbe.bring_to_rest`."""
-        self.relay.mend()
-        # The check of `stop` reports what fails here.
-        with suppress(Exception), self.open() as chamber:
-            chamber.stop()
-
 
 def state(probe: ChamberProbe) -> str:
     """Check that the reading is plausible, and that nothing is wrong with the simulator."""
@@ -206,12 +199,7 @@ def stop(probe: ChamberProbe) -> str:
 def reconnection(probe: ChamberProbe) -> str:
     """Check that the chamber can be used again after its link was lost or silent."""
     with probe.open() as chamber:
-        for what, cut in (("unplugged", probe.relay.unplug), ("silent", probe.relay.silence)):
-            cut()
-            with suppress(LinkLost, ProtocolError):
-                chamber.read()  # the check of a lost link requires an error
-            probe.relay.mend()
-            probe.read_again(chamber, f"after the link was {what}")
+        list(probe.read_after_losses(chamber))
     return "readings continue after an unplugged and a silent link"
 
 

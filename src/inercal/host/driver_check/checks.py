@@ -4,7 +4,6 @@ All motions are at 20 °/s and 40 °/s², or at half of the limits if these are 
 """
 
 from collections.abc import Callable
-from contextlib import suppress
 from itertools import pairwise
 from math import degrees, isfinite, isnan, nan, radians
 from statistics import median
@@ -265,12 +264,7 @@ def reconnection(probe: Probe) -> str:
     """Check that the table can be used again after its link was lost or silent."""
     with probe.open_enabled() as table:
         before = table.read().axes[0]
-        for what, cut in (("unplugged", probe.relay.unplug), ("silent", probe.relay.silence)):
-            cut()
-            with suppress(LinkLost, ProtocolError, TableFault):
-                table.read()  # the check of a lost link requires an error
-            probe.relay.mend()
-            state = probe.read_again(table, f"after the link was {what}")
+        for state in probe.read_after_losses(table):
             off = abs(state.axes[0].angle - before.angle)
             still = off < _TURN / 10 or not before.rests
             require(still, f"the angle of an axis at rest changed by {degrees(off):.3g}°")

@@ -8,8 +8,8 @@ What the checks of a driver have in common: opening, waiting, and expecting an e
 
 import re
 import socket
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Generator
+from contextlib import closing, suppress
 from math import degrees
 from selectors import EVENT_READ, DefaultSelector
 from threading import Event, RLock, Thread
@@ -235,7 +235,14 @@ class LinkProbe(Generic[D]):
 
     def bring_to_rest(self) -> None:
         """Mend the link, and stop the device, as far as the driver can."""
-        raise NotImplementedError
+        self.relay.mend()
+        # The check of `stop` reports what fails here.
+        with suppress(Exception), closing(self.open()) as device:
+            device.stop()
+            self.wait_for_rest(device)
+
+    def wait_for_rest(self, device: D) -> None:
+        """Wait until a stopped device is at rest; a chamber need not be."""
 
     def expect_error(self, act: Callable[[], object], what: str) -> float:
         """Return the wall time in which a call raised a documented error, s."""
@@ -248,6 +255,15 @@ class LinkProbe(Generic[D]):
             require(took < limit, f"{what}: the error came only after {took:.2f} s")
             return took
         raise CheckFailed(f"{what}: no error was raised")
+
+    def read_after_losses(self, device: D) -> Generator[Any]:
+        """Yield a reading after the link was unplugged, and one after it was silent."""
+        for what, cut in (("unplugged", self.relay.unplug), ("silent", self.relay.silence)):
+            cut()
+            with suppress(LinkLost, ProtocolError, TableFault):
+                device.read()  # the check of a lost link requires an error
+            self.relay.mend()
+            yield self.read_again(device, f"after the link was {what}")
 
     def read_again(self, device: D, after: str) -> Any:
         """Return a reading after an error; the first ones may fail."""
@@ -295,10 +311,6 @@ class Probe(LinkProbe[RotaryTable]):
                 at = ", ".join(f"{degrees(a.angle):.3f}° ({a.status_text})" for a in state.axes)
                 raise CheckFailed(f"the table {otherwise} within {seconds + GRACE:.1f} s: {at}")
 
-    def bring_to_rest(self) -> None:
-        """See `LinkProbe.bring_to_rest`."""
-        self.relay.mend()
-        # The check of `stop` reports what fails here.
-        with suppress(Exception), self.open() as table:
-            table.stop()
-            self.wait(table, lambda state: all(a.rests for a in state.axes), 0.0, "turns")
+    def wait_for_rest(self, device: RotaryTable) -> None:
+        """See `LinkProbe.wait_for_rest`."""
+        self.wait(device, lambda state: all(a.rests for a in state.axes), 0.0, "turns")

@@ -13,7 +13,7 @@ Position mode starts from the previous demand, so each demand is set before the 
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees, nan, radians
 from typing import TYPE_CHECKING
@@ -31,7 +31,6 @@ from inercal.host.drivers.rotary_table import (
 )
 from inercal.host.drivers.table_address import Driver, TableAddress
 from inercal.host.drivers.text_dialogue import TextDialogue
-from inercal.host.link import Link, open_link
 
 if TYPE_CHECKING:
     from inercal.benches.motion_control import ControlledBench
@@ -63,24 +62,16 @@ class Acutrol(RotaryTable):
         The axes, from outer to inner.
     timeout : float
         Longest time to wait for a reply, s.
-    opener : callable
-        Function that opens a link to an address; tests replace it.
     """
 
-    def __init__(
-        self,
-        address: str,
-        axes: Sequence[AcutrolAxis],
-        timeout: float = 1.0,
-        opener: Callable[[str], Link] = open_link,
-    ):
+    def __init__(self, address: str, axes: Sequence[AcutrolAxis], timeout: float = 1.0):
         self._axes = tuple(axes)
         self.axes = tuple(a.name for a in self._axes)
         self.unsupported = {"home": _NO_HOMING}
         require_unique_names(self.axes)
         # The last commanded angle or rate of each axis.
         self._goals = [(nan, 0.0)] * len(self._axes)
-        self._dialogue = TextDialogue(address, b"\n", timeout, opener)
+        self._dialogue = TextDialogue(address, b"\n", timeout)
         with on_failure(self.close):
             self.limits = tuple(self._read_limits(a.number) for a in self._axes)
 

@@ -10,7 +10,6 @@ is no command that switches the power off.
 """
 
 import re
-from collections.abc import Callable
 from math import degrees, nan, radians
 from typing import TYPE_CHECKING
 
@@ -25,7 +24,6 @@ from inercal.host.drivers.rotary_table import (
 )
 from inercal.host.drivers.table_address import Driver, TableAddress
 from inercal.host.drivers.text_dialogue import TextDialogue
-from inercal.host.link import Link, open_link
 
 if TYPE_CHECKING:
     from inercal.benches.motion_control import ControlledBench
@@ -52,22 +50,13 @@ class Motor(RotaryTable):
         Name of the axis.
     timeout : float
         Longest time to wait for a reply, s.
-    opener : callable
-        Function that opens a link to an address; tests replace it.
     """
 
-    def __init__(
-        self,
-        address: str,
-        limits: AxisLimits,
-        axis: str = "table",
-        timeout: float = 1.0,
-        opener: Callable[[str], Link] = open_link,
-    ):
+    def __init__(self, address: str, limits: AxisLimits, axis: str = "table", timeout: float = 1.0):
         self.limits, self.axes = (limits,), (axis,)
         self.unsupported = {"servo": _NO_SERVO_OFF}
         self._goal, self._spinning, self._homing, self._homed = nan, 0.0, False, False
-        self._dialogue = TextDialogue(address, b">", timeout, opener)
+        self._dialogue = TextDialogue(address, b">", timeout)
 
     def identity(self) -> str:
         """Return "", because no identification command is known."""

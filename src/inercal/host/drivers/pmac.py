@@ -41,7 +41,7 @@ from inercal.host.drivers.rotary_table import (
     require_unique_names,
 )
 from inercal.host.drivers.table_address import Driver, TableAddress
-from inercal.host.link import Link, LinkLost, open_link
+from inercal.host.link import LinkLost
 
 if TYPE_CHECKING:
     from inercal.benches.motion_control import ControlledBench
@@ -74,8 +74,6 @@ class Pmac(RotaryTable):
         The axes, from outer to inner.
     timeout : float
         Longest time for a complete reply, s.
-    opener : callable
-        Function that opens a link to an address; tests replace it.
 
     Raises
     ------
@@ -85,13 +83,7 @@ class Pmac(RotaryTable):
         No Turbo PMAC answers at the address.
     """
 
-    def __init__(
-        self,
-        address: str,
-        axes: Sequence[PmacAxis],
-        timeout: float = 1.0,
-        opener: Callable[[str], Link] = open_link,
-    ):
+    def __init__(self, address: str, axes: Sequence[PmacAxis], timeout: float = 1.0):
         self._axes = tuple(axes)
         self.axes = tuple(a.name for a in self._axes)
         self.unsupported = {}
@@ -108,7 +100,7 @@ class Pmac(RotaryTable):
         self._cycle, self._clock_wraps = 0, 0
         self._start_cycles: list[int | None] = [None] * len(self._axes)
         self._timeout = timeout
-        self._dialogue = PmacDialogue(address, timeout, opener)
+        self._dialogue = PmacDialogue(address, timeout)
         with on_failure(self.close):
             self.period = codec.parse_number(self._ask("I10", 1)[0]) / 8388608 * 1e-3
             if self.period <= 0:

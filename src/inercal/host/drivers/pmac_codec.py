@@ -89,8 +89,6 @@ class MotorStatus(NamedTuple):
 
     Parameters
     ----------
-    activated : bool
-        Whether the controller controls this motor (Ixx00).
     enabled : bool
         Whether the amplifier is on and the loop is closed.
     moving : bool
@@ -103,7 +101,6 @@ class MotorStatus(NamedTuple):
         Faults as text.
     """
 
-    activated: bool
     enabled: bool
     moving: bool
     homed: bool
@@ -261,7 +258,6 @@ def parse_status(text: str) -> MotorStatus:
     words = (0, first, second)
     faults = tuple(wrong for which, bit, wrong in _FAULTS if words[which] >> bit & 1)
     return MotorStatus(
-        activated,
         enabled,
         moving=enabled and not first >> 13 & 1,
         homed=bool(second >> 10 & 1),

@@ -10,13 +10,12 @@ Commands that stop the table do not wait for late answers or for the first answe
 connection; see `control` and `ask_now`.
 """
 
-from collections.abc import Callable
 from contextlib import suppress
 
-from inercal.basics.closeable import Closeable, on_failure
+from inercal.basics.closeable import on_failure
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.rotary_table import ProtocolError
-from inercal.host.link import Link, LinkLost, open_link, read_until
+from inercal.host.link import Link, LinkLost, ReopenedLink, read_until
 
 # The codec needs ERRnnn after BELL (I6), ACK but no LF (I3), and plain numbers with addresses as
 # $hex (I9).
@@ -24,7 +23,7 @@ _REPLY_FORMAT_COMMAND = "i6=1 i3=2 i9=2"
 STOP_TIMEOUT = 0.3  # s to wait for the answer to a stop command
 
 
-class PmacDialogue(Closeable):
+class PmacDialogue(ReopenedLink):
     """A connection to a Turbo PMAC controller.
 
     Parameters
@@ -33,18 +32,11 @@ class PmacDialogue(Closeable):
         Address of the controller, `tcp://HOST:1025`.
     timeout : float
         Longest time for a complete reply, s.
-    opener : callable
-        Function that opens a link to an address; tests replace it.
     """
 
-    def __init__(
-        self, address: str, timeout: float = 1.0, opener: Callable[[str], Link] = open_link
-    ):
-        self.address = address
-        self._timeout = timeout
-        self._opener = opener
-        self._link: Link | None = None
-        self._formatted = False
+    def __init__(self, address: str, timeout: float = 1.0):
+        super().__init__(address)
+        self._timeout, self._formatted = timeout, False
         self._connect()
 
     def ask(self, line: str, replies: int = 0) -> list[str]:
@@ -115,10 +107,8 @@ class PmacDialogue(Closeable):
 
     def close(self) -> None:
         """Close the connection, if it is open; the next request opens a new connection."""
-        if self._link is not None:
-            self._link.close()
-            self._link = None
-            self._formatted = False
+        super().close()
+        self._formatted = False
 
     def _exchange(self, link: Link, line: str, replies: int, timeout: float) -> list[str]:
         """Send a command line, and return the lines of the reply."""
@@ -147,12 +137,6 @@ class PmacDialogue(Closeable):
                 f"{replies}; check that no other program uses the controller"
             )
         return lines
-
-    def _open(self) -> Link:
-        """Return the connection; if there is none, open it without sending anything."""
-        if self._link is None:
-            self._link = self._opener(self.address)
-        return self._link
 
     def _connect(self) -> Link:
         """Return the connection, after setting the reply format that the codec needs."""

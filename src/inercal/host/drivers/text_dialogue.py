@@ -6,17 +6,15 @@ is read until it has been silent for the timeout. A reply that arrives even late
 for the reply to the next line, and no such protocol could detect this.
 """
 
-from collections.abc import Callable
-
-from inercal.basics.closeable import Closeable, on_failure
+from inercal.basics.closeable import on_failure
 from inercal.host.drivers.rotary_table import ProtocolError
-from inercal.host.link import Link, LinkLost, open_link, read_until
+from inercal.host.link import Link, LinkLost, ReopenedLink, read_until
 
 _MAX_STRAY_READS = 20  # largest number of reads of late bytes
 _MAX_REPLY_SIZE = 1 << 16  # bytes; real replies are far shorter
 
 
-class TextDialogue(Closeable):
+class TextDialogue(ReopenedLink):
     """A connection to a controller.
 
     Parameters
@@ -28,16 +26,12 @@ class TextDialogue(Closeable):
         possible.
     timeout : float
         Longest time for a complete reply, s.
-    opener : callable
-        Function that opens a link to an address; tests replace it.
     """
 
-    def __init__(
-        self, address: str, ending: bytes, timeout: float, opener: Callable[[str], Link] = open_link
-    ):
-        self.address = address
-        self._ending, self._timeout, self._opener = ending, timeout, opener
-        self._link: Link | None = opener(address)
+    def __init__(self, address: str, ending: bytes, timeout: float):
+        super().__init__(address)
+        self._ending, self._timeout = ending, timeout
+        self._open()
 
     def ask(self, line: bytes, *, urgent: bool = False) -> str:
         """Send a line unchanged, and return the reply without its ending and outer spaces.
@@ -53,7 +47,7 @@ class TextDialogue(Closeable):
         LinkLost
             The link is lost and cannot be reopened; the next call tries again.
         """
-        link = self._link or self._open(settle=not urgent)
+        link = self._link or self._reopen(settle=not urgent)
         came = bytearray()
 
         def whole(data: bytes) -> bool:
@@ -65,7 +59,7 @@ class TextDialogue(Closeable):
                 )
             return self._ending in data
 
-        with on_failure(self._open, ProtocolError, LinkLost):
+        with on_failure(self._reopen, ProtocolError, LinkLost):
             if not urgent and (stray := link.read(_MAX_REPLY_SIZE, 0.0)):
                 raise ProtocolError(
                     f"{self.address}: {stray[:20]!r} arrived before {line!r} was sent; check that "
@@ -86,20 +80,14 @@ class TextDialogue(Closeable):
                 )
         return text.decode("ascii").strip()
 
-    def close(self) -> None:
-        """Close the link; the next request opens it again."""
-        if self._link is not None:
-            self._link.close()
-            self._link = None
-
-    def _open(self, *, settle: bool = True) -> Link:
+    def _reopen(self, *, settle: bool = True) -> Link:
         """Open a new link; if `settle` is true, wait until it is silent."""
         self.close()
-        link = self._opener(self.address)
+        link = self._open()
         if settle and link.address.startswith("serial:"):
-            # If another program uses the device, it is never silent.
-            for _ in range(_MAX_STRAY_READS):
-                if not link.read(_MAX_REPLY_SIZE, self._timeout):
-                    break
-        self._link = link
+            with on_failure(self.close):
+                # If another program uses the device, it is never silent.
+                for _ in range(_MAX_STRAY_READS):
+                    if not link.read(_MAX_REPLY_SIZE, self._timeout):
+                        break
         return link

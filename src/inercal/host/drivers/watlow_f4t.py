@@ -148,10 +148,10 @@ class WatlowF4t(Closeable):
             try:
                 reply = act(register, **arguments)
             except (ModbusException, OSError) as error:
-                raise LinkLost(
-                    f"{self.address}: no reply for register {register}: {error}; check the cable "
-                    "and the power of the controller",
-                    names=(self.address,),
+                raise LinkLost.at(
+                    self.address,
+                    f"no reply for register {register}: {error}; check the cable and the power of "
+                    "the controller",
                 ) from error
             count = arguments.get("count")
             if reply.isError() or (count and len(reply.registers) != count):

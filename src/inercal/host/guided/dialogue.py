@@ -8,6 +8,7 @@ position.
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from math import inf, radians
 
 import numpy as np
@@ -176,6 +177,7 @@ _HELP = (
 )
 
 
+@dataclass(eq=False)
 class GuidedMeasurement:
     """A guided measurement, row by row.
 
@@ -198,24 +200,17 @@ class GuidedMeasurement:
         Whether somebody can correct an unusable line. If not, such a line ends the measurement.
     """
 
-    def __init__(
-        self,
-        table: MeasurementTable,
-        check: ReadingCheck,
-        instruments: Sequence[SensorInstrument],
-        count: int,
-        units: Mapping[str, str],
-        read_line: Callable[[str], str | None],
-        say: Callable[[str], None],
-        *,
-        interactive: bool,
-    ):
-        self._table, self._check, self._instruments = table, check, instruments
-        self._count, self._units = count, units
-        self._read_line, self._say, self._interactive = read_line, say, interactive
-        self._doubtful: list[Reading] = []  # far from expected, not yet accepted
-        self._lines = 0
-        self._shown: int | None = None  # row of the last printed setting
+    table: MeasurementTable
+    check: ReadingCheck
+    instruments: Sequence[SensorInstrument]
+    count: int
+    units: Mapping[str, str]
+    read_line: Callable[[str], str | None]
+    say: Callable[[str], None]
+    interactive: bool
+    _doubtful: list[Reading] = field(default_factory=list[Reading])  # far from expected
+    _lines: int = 0
+    _shown: int | None = None  # row of the last printed setting
 
     def run(self) -> bool:
         """Measure the remaining rows, and return whether all rows are complete.
@@ -228,26 +223,26 @@ class GuidedMeasurement:
             An instrument does not answer, and nobody can repeat the reading.
         """
         while True:
-            k = self._table.open_row
+            k = self.table.open_row
             self._describe(k)
-            line = self._read_line(self._prompt(k))
+            line = self.read_line(self._prompt(k))
             self._lines += 1
             text = "quit" if line is None else line.strip()
             word = text.lower()
             if word == "quit" or (k is None and not word):
-                return self._table.open_row is None
+                return self.table.open_row is None
             try:
                 self._answer(k, text)
             except InercalError as error:
-                if not self._interactive:
+                if not self.interactive:
                     raise error.located(f"standard input line {self._lines}") from None
-                self._say(str(error))
+                self.say(str(error))
 
     def _answer(self, k: int | None, text: str) -> None:
         word = text.lower()
         if word in ("help", "?"):
             for line in _HELP:
-                self._say(line)
+                self.say(line)
         elif word in ("undo", "repeat"):
             self._take_back(k, last=word == "undo")
         elif k is None:
@@ -261,95 +256,95 @@ class GuidedMeasurement:
 
     def _take(self, k: int, line: str) -> None:
         """Accept a typed reading, or read the instruments and add the typed columns."""
-        row, before = self._table.rows[k], self._doubtful
+        row, before = self.table.rows[k], self._doubtful
         typed = self._typed_columns(row)
-        by_hand = _typed_numbers(line, typed, self._units)
-        if not self._instruments:
+        by_hand = _typed_numbers(line, typed, self.units)
+        if not self.instruments:
             found: list[Reading] = [by_hand]
         else:
             columns = [name for name in row.columns if name not in typed]
-            for one in self._instruments:
+            for one in self.instruments:
                 one.begin()
-            wanted = self._count - len(row.readings)
+            wanted = self.count - len(row.readings)
             found = [
-                by_hand | read_instruments(self._instruments, columns, self._units)
+                by_hand | read_instruments(self.instruments, columns, self.units)
                 for _ in range(wanted)
             ]
         for one in found:
-            if beyond := self._check.out_of_range(one):
+            if beyond := self.check.out_of_range(one):
                 raise InputError("; ".join(beyond) + ": change the range, or correct full_scale")
         mean = MeasuredRow(row.planned, row.columns, {}, found).mean()
-        far = self._check.far_readings(row.planned.label, mean)
+        far = self.check.far_readings(row.planned.label, mean)
         if not far or found == before:
             return self._accept(k, found)
         words = f"{row.planned.label}: {'; '.join(far)}: check the setting, the axes and the digits"
-        if before and not self._interactive:
+        if before and not self.interactive:
             raise InputError(f"{words}; a line of keep after the reading accepts it")
         self._doubtful = found
-        again = "Enter reads again" if self._instruments else "give the reading again"
-        self._say(f"{words}; {again}, keep accepts it")
+        again = "Enter reads again" if self.instruments else "give the reading again"
+        self.say(f"{words}; {again}, keep accepts it")
 
     def _accept(self, k: int, readings: Sequence[Reading]) -> None:
-        row, self._doubtful = self._table.rows[k], []
-        if not self._table.add(k, readings):
-            self._say(f"{row.planned.label}: reading {len(row.readings)} of {self._count}")
+        row, self._doubtful = self.table.rows[k], []
+        if not self.table.add(k, readings):
+            self.say(f"{row.planned.label}: reading {len(row.readings)} of {self.count}")
             return
-        self._say(f"{row.planned.label}: {self._summary(row)}")
-        if scattered := self._check.columns_of_large_scatter(row.readings):
-            self._say(
+        self.say(f"{row.planned.label}: {self._summary(row)}")
+        if scattered := self.check.columns_of_large_scatter(row.readings):
+            self.say(
                 f"{', '.join(scattered)}: the scatter of the mean is more than three times "
                 "[data.sd]; wait until the readings are steady, and repeat, or state a larger one"
             )
 
     def _take_back(self, k: int | None, *, last: bool) -> None:
         """Remove the readings of this row or, if it has none, of the previous row."""
-        self._shown, rows = None, self._table.rows
+        self._shown, rows = None, self.table.rows
         if self._doubtful:
             self._doubtful = []
-            return self._say("the reading is dropped")
+            return self.say("the reading is dropped")
         if k is None or not rows[k].readings:
             k = (len(rows) if k is None else k) - 1
         if k < 0:
             raise InputError("there is no reading to take back")
-        self._table.remove(k, last=last)
-        self._say(f"{rows[k].planned.label}: {'last reading' if last else 'readings'} taken back")
+        self.table.remove(k, last=last)
+        self.say(f"{rows[k].planned.label}: {'last reading' if last else 'readings'} taken back")
 
     def _describe(self, k: int | None) -> None:
         if k == self._shown:
             return
-        self._shown, rows = k, self._table.rows
+        self._shown, rows = k, self.table.rows
         if k is None:
-            self._say(f"all {len(rows)} rows are measured")
+            self.say(f"all {len(rows)} rows are measured")
             return
         planned = rows[k].planned
         cells = [
             f"{heading.text}: {cell}"
-            for heading, cell in zip(self._table.sheet.headings, planned.cells, strict=True)
+            for heading, cell in zip(self.table.sheet.headings, planned.cells, strict=True)
             if cell and heading.text != "row"
         ]
-        self._say(f"[{k + 1}/{len(rows)}] {', '.join(cells)}")
-        expected = self._check.expected(planned.label)
+        self.say(f"[{k + 1}/{len(rows)}] {', '.join(cells)}")
+        expected = self.check.expected(planned.label)
         if expected:
             texts = (f"{name} {value:+.4g}" for name, value in expected.items())
-            self._say(f"      expected about {', '.join(texts)}")
+            self.say(f"      expected about {', '.join(texts)}")
 
     def _prompt(self, k: int | None) -> str:
         if k is None:
             return "Enter ends, undo or repeat goes back> "
-        typed = self._typed_columns(self._table.rows[k])
-        names = ", ".join(f"{name} [{self._units.get(name, '')}]" for name in typed)
-        if self._instruments:
+        typed = self._typed_columns(self.table.rows[k])
+        names = ", ".join(f"{name} [{self.units.get(name, '')}]" for name in typed)
+        if self.instruments:
             return f"{names}, then Enter reads> " if names else "Enter reads> "
         return f"{names}> "
 
     def _typed_columns(self, row: MeasuredRow) -> tuple[str, ...]:
-        if not self._instruments:
+        if not self.instruments:
             return row.columns
-        return tuple(name for name in row.columns if name not in self._check.axes)
+        return tuple(name for name in row.columns if name not in self.check.axes)
 
     def _summary(self, row: MeasuredRow) -> str:
         """Return the means and standard deviations of a row as text."""
-        n, expected = len(row.readings), self._check.expected(row.planned.label)
+        n, expected = len(row.readings), self.check.expected(row.planned.label)
         texts: list[str] = []
         for name, value in row.mean().items():
             more = [f"s {scatter(row.readings, name):.2g}"] * (n > 1)

@@ -4,7 +4,7 @@ An instrument over a link gives plain numbers, which must be in the unit that [s
 instrument with a driver gives a `Reading`, whose unit is checked and converted.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from time import monotonic
 
 from inercal.basics.closeable import Closeable, on_failure
@@ -12,7 +12,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, si_factor
 from inercal.host.drivers.visa import numbers_in_reply
 from inercal.host.equipment import INSTRUMENTS, Reading, open_instrument
-from inercal.host.link import LINKS, Link, LinkLost, open_link
+from inercal.host.link import LINKS, Link, LinkLost, ReopenedLink
 
 _LONGEST = 4096  # bytes in a reply
 _MOST_PIECES = 1000  # largest number of discarded pieces; a fast device never stops
@@ -68,7 +68,7 @@ class DriverInstrument(Closeable):
         self._instrument.close()
 
 
-class LineInstrument(Closeable):
+class LineInstrument(ReopenedLink):
     """A measuring instrument at an address, which sends lines of numbers.
 
     Parameters
@@ -79,8 +79,6 @@ class LineInstrument(Closeable):
         Command that requests a reading; empty for a device that sends lines unasked.
     timeout : float
         Longest time for one reading, s.
-    opener : callable
-        Function that opens a link to an address.
 
     Raises
     ------
@@ -90,13 +88,10 @@ class LineInstrument(Closeable):
         No device answers.
     """
 
-    def __init__(
-        self, address: str, query: str, timeout: float, opener: Callable[[str], Link] = open_link
-    ):
-        self.address = address
-        self._query, self._timeout, self._opener = query.encode(), timeout, opener
-        self._buffer = b""
-        self._link: Link | None = self._open()
+    def __init__(self, address: str, query: str, timeout: float):
+        super().__init__(address)
+        self._query, self._timeout = query.encode(), timeout
+        self._open()
 
     def identity(self) -> str:
         """Return no name, because a device that sends lines cannot be asked."""
@@ -104,7 +99,7 @@ class LineInstrument(Closeable):
 
     def begin(self) -> None:
         """Discard earlier replies, because the next reading must be current."""
-        link = self._link = self._link or self._open()
+        link = self._open()
         data = self._buffer
         with on_failure(self.close, LinkLost):
             for _ in range(_MOST_PIECES):
@@ -130,7 +125,7 @@ class LineInstrument(Closeable):
         LinkLost
             There is no reply in time. The next reading opens the link again.
         """
-        link = self._link = self._link or self._open()
+        link = self._open()
         with on_failure(self.close, LinkLost):
             if self._query:
                 link.write(self._query + b"\n")
@@ -140,17 +135,12 @@ class LineInstrument(Closeable):
             self._cut = False
         return numbers_in_reply(line, self.address)
 
-    def close(self) -> None:
-        """Close the link; a later reading opens it again."""
-        if self._link is not None:
-            self._link.close()
-            self._link = None
-
     def _open(self) -> Link:
-        self._buffer = b""
-        # A serial device may be in the middle of a line, but a server begins with a new line.
-        self._cut = self.address.startswith("serial:")
-        return self._opener(self.address)
+        if self._link is None:
+            self._buffer = b""
+            # A serial device may be in the middle of a line, but a server begins with a new line.
+            self._cut = self.address.startswith("serial:")
+        return super()._open()
 
     def _line(self, link: Link) -> str:
         end = monotonic() + self._timeout
@@ -159,18 +149,15 @@ class LineInstrument(Closeable):
             data = link.read(_LONGEST, left) if left > 0 else b""
             if not data and end <= monotonic():
                 what = f"reply to {self._query.decode()!r}" if self._query else "line"
-                raise LinkLost(
-                    f"{self.address}: no {what} within {self._timeout:g} s; check the cable, the "
-                    "address, --query and --timeout",
-                    names=(self.address,),
+                raise LinkLost.at(
+                    self.address,
+                    f"no {what} within {self._timeout:g} s; check the cable, the address, --query "
+                    "and --timeout",
                 )
             self._buffer += data
             if len(self._buffer) > _LONGEST:
-                raise LinkLost(
-                    f"{self.address}: received {_LONGEST} bytes without an end of line; check the "
-                    "baud rate",
-                    names=(self.address,),
-                )
+                why = f"received {_LONGEST} bytes without an end of line; check the baud rate"
+                raise LinkLost.at(self.address, why)
         line, _, self._buffer = self._buffer.partition(b"\n")
         return line.decode("utf-8", "replace").strip()
 

@@ -204,20 +204,15 @@ class MeasurementTable:
                 row = self._row(planned, given)
                 filled = [name for name in row.columns if given[name].strip()]
                 if filled and not row.complete:
-                    raise InputError(
-                        f"{self.path} line {number}: {planned.label} is only partly filled in; "
-                        "fill in or empty the whole row",
-                        file=self.path,
-                        line=number,
-                        names=(planned.label,),
-                    )
+                    text = "is only partly filled in; fill in or empty the whole row"
+                    label = planned.label
+                    raise _line_error(self.path, number, f"{label} {text}", label)
                 return row
-        raise InputError(
-            f"{self.path} line {number}: {','.join(cells)[:60]!r} is not a row of the worksheet of "
-            f"{self._run.path}; correct it, name another table with --out, or start again with "
-            "--force",
-            file=self.path,
-            line=number,
+        raise _line_error(
+            self.path,
+            number,
+            f"{','.join(cells)[:60]!r} is not a row of the worksheet of {self._run.path}; correct "
+            "it, name another table with --out, or start again with --force",
         )
 
     def _read_single_readings(self) -> None:
@@ -235,11 +230,11 @@ class MeasurementTable:
                     raise ValueError
                 row.readings.append({name: float(one[name]) for name in row.columns})
             except (KeyError, ValueError):
-                raise InputError(
-                    f"{path} line {number}: this reading belongs to no row of {self.path}; remove "
-                    "the line, or start again with --force",
-                    file=path,
-                    line=number,
+                raise _line_error(
+                    path,
+                    number,
+                    f"this reading belongs to no row of {self.path}; remove the line, or start "
+                    "again with --force",
                 ) from None
         for row in self.rows:
             if not row.complete and len(row.readings) >= self._count:
@@ -278,6 +273,10 @@ class MeasurementTable:
                 cells = [repr(one[name]) if name in one else "" for name in names]
                 lines.append([row.planned.label, str(k), *cells])
         write_text(self._readings_path, rows_as_csv(lines))
+
+
+def _line_error(path: Path, line: int, text: str, *names: str) -> InputError:
+    return InputError(f"{path} line {line}: {text}", file=path, line=line, names=names)
 
 
 @contextmanager

@@ -22,8 +22,9 @@ from functools import partial
 from math import degrees, inf, radians
 from queue import Empty, SimpleQueue
 from time import monotonic
-from typing import Literal, Self
+from typing import Literal
 
+from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InercalError, InputError
 from inercal.benches.turntable import require_turntable
 from inercal.host.addresses import DeviceAddresses, open_table
@@ -58,7 +59,7 @@ _ARRIVAL_TOLERANCE = radians(0.05)  # rad
 _STARTING_TIME = 0.3  # s after a command; an axis may still report rest
 
 
-class ManualSession:
+class ManualSession(Closeable):
     """A manual session. At the end of its `with` block, the table is at rest.
 
     Parameters
@@ -410,7 +411,7 @@ class ManualSession:
         if self._end_words:
             return
         words = self._interlocks.check(_without_free_axes(state), self.time)
-        if (words := words or self._driver.check_commanded(state)) is not None:
+        if (words := words or self._driver.commanded_motion.check(state)) is not None:
             self._alarm_end(words)
             return
         for i, axis in enumerate(state.axes):
@@ -492,10 +493,8 @@ class ManualSession:
     def _say(self, level: Literal["info", "warning", "alarm"], words: str) -> None:
         self._journal.record_event(level, words, self.time)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Leave the table at rest, and close all connections."""
         try:
             say = partial(self._say, "alarm")
             self._driver.leave(self._clock, say, at_rest=self._is_at_rest)

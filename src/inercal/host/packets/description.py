@@ -104,9 +104,8 @@ def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
     if "rate" in content:
         rate = _with_key("rate", lambda: parse_quantity(content["rate"], "Hz").value)
         if rate <= 0:
-            raise InputError(
-                f"rate: {content['rate']!r} is not possible; give a rate above 0", key="rate"
-            )
+            text = f": {content['rate']!r} is not possible; give a rate above 0"
+            raise _refusal("rate", text)
     carried = {
         "accelerometer": roles & set(AXES[:3]),
         "gyro": roles & set(AXES[3:]),
@@ -125,10 +124,8 @@ def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
     mask = _whole_number(content, "status", "mask", 0, 0, _MASKED)
     good = _whole_number(content, "status", "good", 0, 0, _MASKED)
     if good & ~mask:
-        raise InputError(
-            f"[status] good: {good:#x} has bits that mask, {mask:#x}, leaves out; add them to mask",
-            key="[status] good",
-        )
+        text = f": {good:#x} has bits that mask, {mask:#x}, leaves out; add them to mask"
+        raise _refusal("[status] good", text)
     return PacketLayout(
         name=name.removesuffix(".toml"),
         description=content.get("about", ""),
@@ -157,10 +154,13 @@ def _check_keys(part: Any, section: str) -> None:
             )
         wanted = keys[key]
         if not isinstance(value, wanted) or isinstance(value, bool):
-            raise InputError(
-                f"{where}{key}: {shorten(repr(value))} is not {_TYPE_NAMES[wanted]}",
-                key=f"{where}{key}",
-            )
+            text = f": {shorten(repr(value))} is not {_TYPE_NAMES[wanted]}"
+            raise _refusal(f"{where}{key}", text)
+
+
+def _refusal(key: str, text: str, *names: str) -> InputError:
+    """Return the error about a key, which stands before the text."""
+    return InputError(f"{key}{text}", key=key, names=names)
 
 
 def _with_key(key: str, made: Callable[[], T]) -> T:
@@ -179,37 +179,29 @@ def _frames(content: dict[str, Any]) -> tuple[BinaryFrame, ...] | tuple[TextLine
         return (_with_key("line", lambda: read_line(content["line"])),)
     order = content.get("byte_order")
     if order not in (None, "big", "little"):
-        raise InputError(
-            f'byte_order: {order!r} is unknown; state "big" or "little"', key="byte_order"
-        )
+        raise _refusal("byte_order", f': {order!r} is unknown; state "big" or "little"')
     frames = tuple(_frame(section, order) for section in content["frame"])
     if not frames:
         raise InputError("[[frame]] is missing; add one section for each kind of packet")
     if any(not _distinguishable(*pair) for pair in combinations(frames, 2)):
-        raise InputError(
-            "[frame] packet: no fixed byte distinguishes two of the packets; add a different fixed "
-            "byte to each",
-            key="[frame] packet",
+        raise _refusal(
+            "[frame] packet",
+            ": no fixed byte distinguishes two of the packets; add a different fixed byte to each",
         )
     for frame in frames[1:]:
         differ = {f[:3] for f in frame.fields} ^ {f[:3] for f in frames[0].fields}
         roles = {role for role, _, _ in differ} - {"temperature", "status"}
         if roles:
-            raise InputError(
-                f"[frame] packet: {', '.join(sorted(roles))} differ between two packets; only "
-                "temperature and status may differ",
-                key="[frame] packet",
-                names=tuple(sorted(roles)),
-            )
+            text = "differ between two packets; only temperature and status may differ"
+            names = sorted(roles)
+            raise _refusal("[frame] packet", f": {', '.join(names)} {text}", *names)
     return frames
 
 
 def _frame(section: dict[str, Any], order: str | None) -> BinaryFrame:
     for key in ("packet", "length"):
         if key not in section:
-            raise InputError(
-                f"[frame] {key} is missing; add it to each [[frame]]", key=f"[frame] {key}"
-            )
+            raise _refusal(f"[frame] {key}", " is missing; add it to each [[frame]]")
     frame = _with_key("[frame] packet", lambda: read_frame(section["packet"], order))
     if frame.length != section["length"]:
         raise InputError(
@@ -229,11 +221,9 @@ def _distinguishable(one: BinaryFrame, other: BinaryFrame) -> bool:
 def _scale(section: str, given: dict[str, Any] | None, rate: float | None) -> Scale:
     """Return the scale of a channel, which defines what its values mean."""
     like, increment, example = _CHANNEL_UNITS[section]
-    if given is None or "scale" not in given:
-        raise InputError(
-            f'[{section}] scale is missing; add one such as "{example}"', key=f"[{section}] scale"
-        )
     key = f"[{section}] scale"
+    if given is None or "scale" not in given:
+        raise _refusal(key, f' is missing; add one such as "{example}"')
     number, unit = _with_key(key, lambda: _parse_scale(given["scale"], example))
     zero = 0.0
     if section == "temperature":
@@ -243,9 +233,8 @@ def _scale(section: str, given: dict[str, Any] | None, rate: float | None) -> Sc
         unit = "K"
     size = _with_key(key, lambda: number * _unit_size(unit, like, increment, rate))
     if not (math.isfinite(size) and size):
-        raise InputError(
-            f"{key}: {given['scale']!r} is not possible; give a finite number other than 0", key=key
-        )
+        text = f": {given['scale']!r} is not possible; give a finite number other than 0"
+        raise _refusal(key, text)
     full = given.get("full_scale")
     return Scale(
         size,
@@ -294,10 +283,8 @@ def _whole_number(
     """Return the number that a key states, after checking its bounds."""
     value = content.get(section, {}).get(key, default)
     if not least <= value <= most:
-        where = f"[{section}] {key}"
-        raise InputError(
-            f"{where} is {shorten(str(value), 24)}; give a number from {least} to {most}", key=where
-        )
+        text = f" is {shorten(str(value), 24)}; give a number from {least} to {most}"
+        raise _refusal(f"[{section}] {key}", text)
     return value
 
 
@@ -306,11 +293,8 @@ def _invalid_codes(section: str, codes: list[Any]) -> tuple[float, ...]:
         isinstance(code, int) and not isinstance(code, bool) and abs(code) <= _EXACT
         for code in codes
     ):
-        where = f"[{section}] invalid"
-        raise InputError(
-            f"{where} has an entry that is not a whole number; give raw values, such as [-32768]",
-            key=where,
-        )
+        text = " has an entry that is not a whole number; give raw values, such as [-32768]"
+        raise _refusal(f"[{section}] invalid", text)
     return tuple(float(code) for code in codes)
 
 

@@ -102,7 +102,7 @@ class BenchDevice:
         while self._until < until:
             self._until = min(self._until + _MAX_BLOCK, until)
             first = self.controller.table.cycle + 1
-            moved = self.controller.table.advance_array(self._until)
+            moved = self.controller.table.advance(self._until)
             self.chamber.advance(self._until)
             kelvin = self.chamber.case_temperature if self._in_chamber else nan
             period = self.controller.table.period

@@ -75,16 +75,6 @@ class AxisReport(NamedTuple):
     flags: int
 
 
-@dataclass(frozen=True)
-class AxesMotion:
-    """The true motion in servo cycles: `time` (n,), s; the rest (n, axes), rad, rad/s, rad/s²."""
-
-    time: Array
-    angle: Array
-    rate: Array
-    acceleration: Array
-
-
 class SimulatedTable:
     """A simulated table with one or more axes.
 
@@ -136,14 +126,11 @@ class SimulatedTable:
         """Bench time at the end of the last servo cycle, s."""
         return self.cycle * self.period
 
-    def advance(self, until: float) -> AxesMotion:
-        """Compute the servo cycles up to bench time `until`, s, and return the motion in them."""
-        out = self.advance_array(until)
-        time = self.period * np.arange(self.cycle - len(out) + 1, self.cycle + 1, dtype=np.float64)
-        return AxesMotion(time, out[..., 0], out[..., 1], out[..., 2])
+    def advance(self, until: float) -> Array:
+        """Compute the servo cycles up to bench time `until`, s, and return the motion in them.
 
-    def advance_array(self, until: float) -> Array:
-        """Advance, and return angle, rate and acceleration as one array, (n, axes, 3)."""
+        The angles, rad, rates, rad/s, and accelerations, rad/s², are one array, (n, axes, 3).
+        """
         # A time that was computed as a multiple of the period must belong to this cycle.
         last = floor(until / self.period + 1e-6)
         count = max(last - self.cycle, 0)
@@ -250,9 +237,9 @@ class Controller:
         """Bench time, s."""
         return self.table.time
 
-    def advance(self, until: float) -> AxesMotion:
-        """Let bench time pass; return the true motion in each servo cycle."""
-        return self.table.advance(until)
+    def advance(self, until: float) -> None:
+        """Let bench time pass."""
+        self.table.advance(until)
 
     def fault(self, words: str) -> None:
         """Set a fault of the table, such as `amplifier 2` or `frozen 1 off` (axes count from 1).

@@ -34,7 +34,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock, Thread
 from time import monotonic, sleep
-from typing import Protocol
 
 import numpy as np
 
@@ -56,20 +55,6 @@ _WRITE_TIMEOUT = 0.5  # s of wall time to wait for a busy reader
 _RETRY_INTERVAL = 0.001  # s
 
 
-class SimulatorPort(Protocol):
-    """A port to which bytes can be written."""
-
-    address: str
-
-    def write(self, data: bytes) -> int:
-        """Send as many bytes as possible, and return their number."""
-        ...
-
-    def close(self) -> None:
-        """Unplug the port."""
-        ...
-
-
 class TerminalPort:
     """A pseudo-terminal; the link `path` stays the same when it is unplugged and replugged."""
 
@@ -84,7 +69,7 @@ class TerminalPort:
         self._overrun = False
 
     def write(self, data: bytes) -> int:
-        """See `SimulatorPort.write`."""
+        """Send as many bytes as possible, and return their number."""
         done, end = 0, None
         while True:
             with suppress(BlockingIOError):
@@ -99,7 +84,7 @@ class TerminalPort:
             sleep(_RETRY_INTERVAL)
 
     def close(self) -> None:
-        """See `SimulatorPort.close`."""
+        """Unplug the port."""
         self._path.unlink(missing_ok=True)
         os.close(self._device)
         os.close(self._host)
@@ -116,7 +101,7 @@ class TcpPort:
         self._host: socket.socket | None = None
 
     def write(self, data: bytes) -> int:
-        """See `SimulatorPort.write`."""
+        """See `TerminalPort.write`."""
         # If a host has already connected, it gets these bytes, whichever process was faster.
         with suppress(BlockingIOError):
             host = self._listener.accept()[0]
@@ -135,7 +120,7 @@ class TcpPort:
         return len(data)
 
     def close(self) -> None:
-        """See `SimulatorPort.close`."""
+        """See `TerminalPort.close`."""
         self._disconnect_host()
         self._listener.close()
 
@@ -145,6 +130,7 @@ class TcpPort:
             self._host = None
 
 
+SimulatorPort = TerminalPort | TcpPort
 FAULT_SYNTAX = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
 _SPARE_NOISE = 300.0  # s of noise in addition to one and a half times the plan
 _SOAK_NOISE = 4000.0  # s of noise for the wait before each soak

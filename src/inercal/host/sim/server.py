@@ -14,6 +14,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from threading import RLock, Thread
 from time import monotonic
@@ -43,8 +44,8 @@ class Device(Protocol):
         """Bench time, s."""
         ...
 
-    def advance(self, until: float) -> Any:
-        """Let bench time pass; if the device moves, return the motion during this time."""
+    def advance(self, until: float) -> None:
+        """Let bench time pass."""
         ...
 
     def session(self) -> Session:
@@ -122,7 +123,7 @@ class SimulatorServer(Generic[D]):
             self._wake_sender = beside._wake_sender
         self._listener: socket.socket | None = None
         if terminal:
-            line, path = _open_terminal()
+            line, path = _open_terminal(self.device.session())
             self.address = f"serial:{path}"
             self._add_connection(line)
         else:
@@ -162,14 +163,13 @@ class SimulatorServer(Generic[D]):
         with suppress(OSError):
             self._wake_sender.send(b".")
 
-    def advance(self, until: float) -> Any:
-        """Let bench time pass up to `until`, s, if the clock can be set; return the motion."""
+    def advance(self, until: float) -> None:
+        """Let bench time pass up to `until`, s, if the clock can be set."""
         with self.lock:
             if isinstance(self.pace, ManualClock):
                 self.pace.now = until
-            motion = self.device.advance(until)
+            self.device.advance(until)
         self._wake_sender.send(b".")
-        return motion
 
     def drop(self) -> None:
         """End all connections, as if a cable were unplugged."""
@@ -193,11 +193,12 @@ class SimulatorServer(Generic[D]):
         connection, _ = self._listener.accept()
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         receive = partial(connection.recv, _READ_SIZE)
-        line = _Connection(connection, receive, connection.sendall, connection.close)
+        line = _Connection(
+            connection, receive, connection.sendall, connection.close, self.device.session()
+        )
         self._add_connection(line)
 
     def _add_connection(self, line: "_Connection") -> None:
-        line.session = self.device.session()
         self._connections.add(line)
         self.add_reader(line.end, partial(self._serve, line))
 
@@ -245,20 +246,16 @@ class SimulatorServer(Generic[D]):
         self._thread.join()
 
 
+@dataclass(eq=False)
 class _Connection:
     """One end of a connection: a socket, or the descriptor of a pseudo-terminal."""
 
+    end: socket.socket | int
+    receive: Callable[[], bytes]
+    _send: Callable[[bytes], object]
+    _close: Callable[[], None]
     session: Session
-
-    def __init__(
-        self,
-        end: socket.socket | int,
-        receive: Callable[[], bytes],
-        send: Callable[[bytes], object],
-        close: Callable[[], None],
-    ):
-        self.end, self.receive, self.closed = end, receive, False
-        self._send, self._close = send, close
+    closed: bool = False
 
     def send(self, data: bytes) -> None:
         if self.closed:
@@ -271,7 +268,7 @@ class _Connection:
             self._close()
 
 
-def _open_terminal() -> tuple[_Connection, str]:
+def _open_terminal(session: Session) -> tuple[_Connection, str]:
     """Return the device's end of a pseudo-terminal, and the path of the host's end."""
     import pty
     import tty
@@ -288,7 +285,8 @@ def _open_terminal() -> tuple[_Connection, str]:
         os.close(host)
 
     # The host's end also stays open here, because it would hang up when no program has it open.
-    return _Connection(device, lambda: os.read(device, _READ_SIZE), send, close), os.ttyname(host)
+    line = _Connection(device, lambda: os.read(device, _READ_SIZE), send, close, session)
+    return line, os.ttyname(host)
 
 
 def simulator_parser(program: str, description: str | None, port: int | None = 0) -> ArgumentParser:

@@ -16,6 +16,7 @@ import secrets
 from base64 import urlsafe_b64encode
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from html import escape
 from ipaddress import ip_address
 from time import monotonic
@@ -188,6 +189,7 @@ autocomplete="current-password"></label> <button>Open the page</button></form></
 _READ_ONLY = "a read-only token permits only the GET requests in /api/openapi.json"
 
 
+@dataclass(eq=False)
 class AccessMiddleware:
     """Middleware that passes only permitted requests to an application.
 
@@ -200,21 +202,16 @@ class AccessMiddleware:
         Function that returns whether a read-only token permits a request, from its scope.
     """
 
-    def __init__(
-        self,
-        app: ASGIApp,
-        access: Access,
-        refused: RefusalLog,
-        is_readable: Callable[[Scope], bool],
-    ):
-        self._app, self._access, self._refusals = app, access, refused
-        self._is_readable = is_readable
-        self._bodies = BodyReader()
+    app: ASGIApp
+    access: Access
+    refused: RefusalLog
+    is_readable: Callable[[Scope], bool]
+    _bodies: BodyReader = field(default_factory=BodyReader)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request, or refuse it."""
         if scope["type"] == "lifespan":
-            await self._app(scope, receive, send)
+            await self.app(scope, receive, send)
             return
         headers = Headers(scope=scope)
         if scope["type"] == "websocket":
@@ -226,7 +223,7 @@ class AccessMiddleware:
                 _set_security_headers(MutableHeaders(scope=message))
             await send(message)
 
-        app = self._app
+        app = self.app
         try:
             self._require_allowed(scope, headers)
             answer, body = self._token_refusal(scope, headers), b""
@@ -235,7 +232,7 @@ class AccessMiddleware:
             app = answer or self._token_answer(scope, body) or app
         except RequestRefused as refused:
             words = f"{scope['method']} {scope['path']}: {refused.words}"
-            self._refusals(client_host(scope), words)
+            self.refused(client_host(scope), words)
             schemes = {"www-authenticate": "Bearer"} if refused.status == 401 else None
             app = PlainTextResponse(f"{refused.words}\n", refused.status, schemes)
             body = b""
@@ -245,37 +242,37 @@ class AccessMiddleware:
         self, scope: Scope, headers: Headers, receive: Receive, send: Send
     ) -> None:
         words = None
-        if not self._access.allows_host(headers):
+        if not self.access.allows_host(headers):
             words = f"host {headers.get('host', '')!r}"
         elif bearer_token(headers) is not None:
             words = _READ_ONLY
-        elif not self._access.is_same_origin(headers):
+        elif not self.access.is_same_origin(headers):
             words = f"origin {headers.get('origin', '')!r}"
-        elif not self._access.has_session(headers):
+        elif not self.access.has_session(headers):
             words = "no token"
         if words is None:
-            await self._app(scope, receive, send)
+            await self.app(scope, receive, send)
             return
-        self._refusals(client_host(scope), f"websocket {scope['path']}: {words}")
+        self.refused(client_host(scope), f"websocket {scope['path']}: {words}")
         await receive()
         await send({"type": "websocket.close"})
 
     def _require_allowed(self, scope: Scope, headers: Headers) -> None:
         """Raise an error for requests that are never permitted, whoever sends them."""
-        if not self._access.allows_host(headers):
+        if not self.access.allows_host(headers):
             raise RequestRefused(
                 421, f"host {headers.get('host', '')!r}: this page has another host name"
             )
         if scope["method"] not in ("GET", "POST"):
             raise RequestRefused(405, f"{scope['method']} is not allowed here")
-        if scope["method"] == "POST" and not self._access.is_same_origin(headers):
+        if scope["method"] == "POST" and not self.access.is_same_origin(headers):
             own = f"http://{headers.get('host', '')}"
             raise RequestRefused(
                 403,
                 f"origin {headers.get('origin', '')!r} is not this page's; a command needs the "
                 f"header Origin with the address of the page, such as {own!r}",
             )
-        if scope["path"] != "/" and self._access.is_cross_site(headers):
+        if scope["path"] != "/" and self.access.is_cross_site(headers):
             raise RequestRefused(403, "the request came from another site's page")
 
     def _token_refusal(self, scope: Scope, headers: Headers) -> Response | None:
@@ -286,27 +283,27 @@ class AccessMiddleware:
             self._require_read_only(scope, token, f"script at {who}")
             return None
         if self._shows_token(scope):
-            if self._access.may_try_token(who):
+            if self.access.may_try_token(who):
                 return None
-            self._refusals(who, "too many wrong tokens")
+            self.refused(who, "too many wrong tokens")
             return _token_form("Too many wrong tokens; wait a minute.", 429)
-        if self._access.has_session(headers):
+        if self.access.has_session(headers):
             return None
-        self._refusals(who, f"{scope['method']} {scope['path']}: no token")
+        self.refused(who, f"{scope['method']} {scope['path']}: no token")
         return _token_form("This page needs the token that `inercal bench serve` has printed.")
 
     def _require_read_only(self, scope: Scope, token: str, who: str) -> None:
         """Raise an error unless a script has shown the read-only token and only reads."""
-        if not self._access.may_try_token(who):
+        if not self.access.may_try_token(who):
             raise RequestRefused(429, "too many wrong tokens; wait a minute")
-        if not self._access.accepts_read_token(token, who):
+        if not self.access.accepts_read_token(token, who):
             raise RequestRefused(401, "this read-only token is wrong")
-        if not self._is_readable(scope):
+        if not self.is_readable(scope):
             raise RequestRefused(403, _READ_ONLY)
 
     def _shows_token(self, scope: Scope) -> bool:
         """Return whether a request contains a token, whether correct or wrong."""
-        if not self._access.needs_token:
+        if not self.access.needs_token:
             return False
         if scope["method"] == "POST":
             return scope["path"] == "/token"
@@ -318,12 +315,12 @@ class AccessMiddleware:
             return None
         given = _form_field(body if scope["method"] == "POST" else scope["query_string"], "token")
         who = client_host(scope)
-        if given is None or not self._access.accepts_token(given, who):
-            self._refusals(who, "a wrong token")
+        if given is None or not self.access.accepts_token(given, who):
+            self.refused(who, "a wrong token")
             return _token_form("This token is wrong.")
         answer = RedirectResponse("/", 303)
         name = cookie_name(Headers(scope=scope), SESSION)
-        answer.set_cookie(name, self._access.session, httponly=True, samesite="strict")
+        answer.set_cookie(name, self.access.session, httponly=True, samesite="strict")
         return answer
 
 

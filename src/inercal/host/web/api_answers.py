@@ -10,12 +10,11 @@ from typing import Any
 from inercal.basics.documents import record_object
 from inercal.calibration.files import calibration_object, load
 from inercal.estimation.uncertainty import COVERAGE
-from inercal.host.journal import Journal
+from inercal.host.journal import Journal, utc_now
 from inercal.host.run_folder import JOURNAL
+from inercal.host.web.folders import Runs, StoredRun
 from inercal.host.web.hub import Hub
 from inercal.host.web.interface import RECORDS, units_of
-from inercal.host.web.message_history import utc_now
-from inercal.host.web.runs import Runs, StoredRun
 
 
 def state_answer(hub: Hub) -> dict[str, Any]:

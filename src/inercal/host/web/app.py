@@ -24,12 +24,11 @@ from inercal.host.packets import PRESETS, read_layout
 from inercal.host.web import api_answers
 from inercal.host.web.access import Access, AccessMiddleware, client_host
 from inercal.host.web.device_catalogue import probe_devices
+from inercal.host.web.folders import StoredRun, check_filter_changes
 from inercal.host.web.hub import Hub
 from inercal.host.web.interface import ROUTES, InterfaceRoute, openapi_description
 from inercal.host.web.json_objects import RefusalLog, parse_object
 from inercal.host.web.live_socket import LiveSocket
-from inercal.host.web.plans import check_filter_changes
-from inercal.host.web.runs import StoredRun
 
 _MEDIA_TYPES = {
     "html": "text/html; charset=utf-8",

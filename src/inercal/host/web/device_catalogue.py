@@ -14,8 +14,8 @@ from inercal.host.devices import SerialPort, imu_lines, list_serial_ports, table
 from inercal.host.drivers.table_address import DRIVERS
 from inercal.host.packets import PRESETS
 from inercal.host.tasks import host_plan
+from inercal.host.web.folders import Plan
 from inercal.host.web.json_objects import JsonObject, object_or_none
-from inercal.host.web.plans import Plan
 from inercal.runfile import read
 
 SIMULATED, CONFIGURED = "simulated", "given"

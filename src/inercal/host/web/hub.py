@@ -11,7 +11,7 @@ from zlib import crc32
 from inercal.basics.errors import InputError
 from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
-from inercal.host.web import run_request, viewers
+from inercal.host.web import folders, run_request, viewers
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
 from inercal.host.web.interface import COMMANDS
 from inercal.host.web.json_objects import (
@@ -21,9 +21,7 @@ from inercal.host.web.json_objects import (
     printable_line,
 )
 from inercal.host.web.message_history import MessageHistory, ReceivedMessage, is_alarm
-from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_changes
-from inercal.host.web.run_process import RunProcess
-from inercal.host.web.runs import Runs, StoredRun
+from inercal.host.web.run_request import RunProcess
 
 _MAX_NAME = 80  # largest number of characters of a sensor's name
 _EXIT_TIMEOUT = 15.0  # s; a process must exit in this time after its end message
@@ -54,8 +52,8 @@ class Hub:
 
     def __init__(
         self,
-        plans: Plans,
-        runs: Runs,
+        plans: folders.Plans,
+        runs: folders.Runs,
         choice: DeviceCatalogue,
         register: str | None = None,
         options: RunOptions = DEFAULT_OPTIONS,
@@ -157,7 +155,8 @@ class Hub:
                         "the run is still active; stop it, or wait until it has ended, before you "
                         "close its view"
                     )
-                self._dismiss_run()
+                self._history = None
+                self._broadcast("idle", _message_text("idle"))
             case "note":
                 text = printable_line(asked.get("text"), _MAX_NOTE)
                 if text is None:
@@ -229,7 +228,7 @@ class Hub:
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(self._stop_executor, self.runs.stop, name)
 
-    async def require_no_active_run(self) -> Mapping[str, StoredRun]:
+    async def require_no_active_run(self) -> Mapping[str, folders.StoredRun]:
         """Return the stored runs.
 
         Raises
@@ -259,7 +258,7 @@ class Hub:
         if self._relay_task is not None:
             await asyncio.wait([self._relay_task], timeout=patience)
 
-    async def _choose(self, asked: JsonObject) -> tuple[ChosenDevices, Plan]:
+    async def _choose(self, asked: JsonObject) -> tuple[ChosenDevices, folders.Plan]:
         """Return the devices and the plan in a request, after checking that nothing is active."""
         chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
         plan = await asyncio.to_thread(self.plans.get, asked.get("plan"))
@@ -276,7 +275,8 @@ class Hub:
     async def _start_run(self, asked: JsonObject) -> None:
         """Start a run as requested."""
         chosen, plan = await self._choose(asked)
-        await asyncio.to_thread(require_filter_changes, plan, filter_changes(asked.get("filter")))
+        changes = folders.filter_changes(asked.get("filter"))
+        await asyncio.to_thread(folders.require_filter_changes, plan, changes)
         self.runs.require_room(plan.summary["bytes"])
         self._launch(
             self._run_request(self.runs.new_folder(plan.path.stem), chosen, asked, plan.path)
@@ -289,8 +289,8 @@ class Hub:
         with_imu = asked.get("with_imu") is True
         table, imu, clock, simulated = chosen
         order = run_request.ManualRequest(
-            str(folder.absolute()), str(plan.path.absolute()), self.people.operator or "", table,
-            imu if with_imu else "", clock, simulated, crc32(folder.name.encode()), with_imu,
+            str(folder.absolute()), self.people.operator or "", table, imu if with_imu else "",
+            clock, simulated, crc32(folder.name.encode()), with_imu, plan=str(plan.path.absolute()),
         )  # fmt: skip
         self._launch(order)
 
@@ -309,7 +309,7 @@ class Hub:
         chosen = ChosenDevices("", "") if as_before else self.choice.chosen(table, imu)
         self._launch(self._run_request(run.path, chosen, asked, None))
 
-    async def _require_idle(self) -> Mapping[str, StoredRun]:
+    async def _require_idle(self) -> Mapping[str, folders.StoredRun]:
         """Return the stored runs, after checking that no run and no probe is active."""
         if self._end_published:
             await self.wait_until_idle(_EXIT_TIMEOUT)
@@ -331,17 +331,15 @@ class Hub:
             )
         return run_request.RunRequest(
             str(folder.absolute()),
-            None if plan is None else str(plan.absolute()),
-            sensor,
             self.people.operator or "",
             *chosen,
             crc32(folder.name.encode()),  # a different simulated bench for each run
-            self._options.speed,
+            None if plan is None else str(plan.absolute()),
+            sensor,
             self._register,
-            self._options.temperature,
-            self._options.patience,
+            self._options,
             ambient_temperature(asked.get("ambient")),
-            None if plan is None else filter_changes(asked.get("filter")),
+            None if plan is None else folders.filter_changes(asked.get("filter")),
         )
 
     def _launch(self, order: run_request.ProcessRequest) -> None:
@@ -376,10 +374,6 @@ class Hub:
             )
             kept.add_message("done", text)
             self._broadcast("done", text)
-
-    def _dismiss_run(self) -> None:
-        self._history = None
-        self._broadcast("idle", _message_text("idle"))
 
     def _broadcast(self, kind: str, text: str) -> None:
         urgent = kind != "event" or is_alarm(text)

@@ -3,10 +3,10 @@
 import json
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
-from datetime import UTC, datetime
 from itertools import islice
 from typing import Any, NamedTuple
 
+from inercal.host.journal import utc_now
 from inercal.host.web.viewers import MAX_SAMPLES, SAMPLE_KINDS
 
 _MAX_ESTIMATES, _MAX_EVENTS, _MAX_TREND = 600, 500, 600
@@ -98,11 +98,6 @@ class MessageHistory:
         if len(self._estimates) >= _MAX_ESTIMATES:
             self._estimates = self._estimates[::2]
             self._stride *= 2
-
-
-def utc_now() -> str:
-    """Return the present time, ISO 8601 in UTC, to the millisecond."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 def is_alarm(event: str) -> bool:

@@ -74,7 +74,7 @@ def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, A
     angles : (k,) array or None
         Angles of the table at the time of the navigation solution, rad.
     """
-    seen, tally = run.state, run.recorder.assembly.tally
+    seen, assembly = run.state, run.recorder.assembly
     remaining = run.sequencer.remaining_time(seen.time) if seen is not None else None
     table = None if seen is None else {"axes": [axis_fields(axis) for axis in seen.axes]}
     task, request = run.sequencer.task, run.mounting_request
@@ -90,7 +90,9 @@ def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, A
         "table": table,
         "set_rate": _set_rate(task, run.sequencer.phase),
         "mounting": None if request is None else request._asdict(),
-        "imu": imu_fields(tally.bytes, tally.samples, tally.samples_without_angle, celsius),
+        "imu": imu_fields(
+            assembly.imu.counts, assembly.samples, assembly.samples_without_angle, celsius
+        ),
         "live": run.recorder.estimation,
         "attitude": _attitude_fields(run, plan, angles),
     }

@@ -3,12 +3,17 @@
 The process also leaves a record in the run's folder.
 """
 
+import asyncio
 import json
 import os
+import signal
+import sys
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import AsyncGenerator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from subprocess import PIPE, Popen
 from typing import Any, ClassVar, NamedTuple, Self
 
 import tomlkit
@@ -37,6 +42,15 @@ class ProcessRequest(ABC):
     ----------
     folder : str
         Folder to which the process writes.
+    requested_by : str
+        Name of the person who makes the request.
+    table, imu, clock : str
+        Addresses of the devices. For a run, an empty text means that the address has not changed;
+        for a session, that of the IMU is empty if it is not read.
+    simulated : str or None
+        Packet preset of the simulated bench; None for a real bench.
+    seed : int
+        Seed of the simulated bench, unless the run already has a seed.
 
     Attributes
     ----------
@@ -47,6 +61,12 @@ class ProcessRequest(ABC):
     worker: ClassVar[str]
 
     folder: str
+    requested_by: str = ""
+    table: str = ""
+    imu: str = ""
+    clock: str = ""
+    simulated: str | None = None
+    seed: int = 0
 
     @property
     def name(self) -> str:
@@ -92,28 +112,15 @@ class RunRequest(ProcessRequest):
 
     Parameters
     ----------
-    folder : str
-        Folder of the run.
+    folder, requested_by, table, imu, clock, simulated, seed
+        See `ProcessRequest`.
     plan : str or None
         Path of the run file; None means that the run in the folder is resumed.
     sensor : str or None
         Name of the sensor, if it differs from the name in the run file.
-    requested_by : str
-        Name of the person who requests the run.
-    table, imu, clock : str
-        Addresses of the devices; an empty text means that the address has not changed.
-    simulated : str or None
-        Packet preset of the simulated bench; None for a real bench.
-    seed : int
-        Seed of the simulated bench, unless the run already has a seed.
-    speed : float or None
-        Highest speed of the simulated bench, in bench seconds per second of wall time.
     register : str or None
         Address of the register.
-    temperature : (float, float) or None
-        Permitted temperature range of the IMU, K.
-    patience : float
-        Longest time without data from the IMU before the run ends, s.
+    options : RunOptions
     ambient : float or None
         Room temperature that the operator typed, °C.
     filter : mapping of str to str, optional
@@ -124,28 +131,15 @@ class RunRequest(ProcessRequest):
 
     plan: str | None = None
     sensor: str | None = None
-    requested_by: str = ""
-    table: str = ""
-    imu: str = ""
-    clock: str = ""
-    simulated: str | None = None
-    seed: int = 0
-    speed: float | None = None
     register: str | None = None
-    temperature: tuple[float, float] | None = None
-    patience: float = DEFAULT_OPTIONS.patience
+    options: RunOptions = DEFAULT_OPTIONS
     ambient: float | None = None
     filter: Mapping[str, str] | None = None
 
     def __post_init__(self) -> None:
-        if self.temperature is not None:
-            low, high = self.temperature  # JSON has no tuples, only lists
-            object.__setattr__(self, "temperature", (low, high))
-
-    @property
-    def options(self) -> RunOptions:
-        """The operator's options for the run."""
-        return RunOptions(self.speed, self.temperature, self.patience)
+        speed, temperature, patience = self.options  # JSON has no tuples, only lists
+        options = RunOptions(speed, temperature and (temperature[0], temperature[1]), patience)
+        object.__setattr__(self, "options", options)
 
     @property
     def is_resumable(self) -> bool:
@@ -171,32 +165,18 @@ class ManualRequest(ProcessRequest):
 
     Parameters
     ----------
-    folder : str
-        Folder of the session.
+    folder, requested_by, table, imu, clock, simulated, seed
+        See `ProcessRequest`.
     plan : str
         Path of the run file. Its [bench] states the axes and their limits; its plan is not
         executed.
-    requested_by : str
-        Name of the person who requests the session.
-    table, imu, clock : str
-        Addresses of the devices; the IMU's address is empty if the IMU is not read.
-    simulated : str or None
-        Packet preset of the simulated bench; None for a real bench.
-    seed : int
-        Seed of the simulated bench.
     with_imu : bool
         Whether the IMU is read; this also applies to a simulated bench.
     """
 
     worker = "inercal.host.web.manual_worker"
 
-    plan: str
-    requested_by: str = ""
-    table: str = ""
-    imu: str = ""
-    clock: str = ""
-    simulated: str | None = None
-    seed: int = 0
+    plan: str = field(kw_only=True)
     with_imu: bool = False
 
     @property
@@ -208,6 +188,67 @@ class ManualRequest(ProcessRequest):
     def loss_text(self) -> str:
         """See `ProcessRequest`."""
         return "; the watchdog brings the table to rest"
+
+
+_MAX_MESSAGE = 1 << 20  # largest number of bytes in a message
+
+
+class RunProcess:
+    """The process for a run or a manual session.
+
+    Parameters
+    ----------
+    order : ProcessRequest
+    command : sequence of str, optional
+        Command that starts the process; by default, it starts the worker of the request.
+    """
+
+    def __init__(self, order: ProcessRequest, command: tuple[str, ...] = ()):
+        self.order = order
+        python = (sys.executable, "-P", "-m", order.worker)
+        self._process = Popen(command or python, stdin=PIPE, stdout=PIPE, start_new_session=True)
+        assert self._process.stdin
+        os.set_blocking(self._process.stdin.fileno(), False)
+        self.send_line(order.json_line)
+
+    def send_line(self, line: str) -> bool:
+        """Send a line to the process; return False if the process does not read its input."""
+        assert self._process.stdin
+        data = f"{line}\n".encode()
+        try:
+            return os.write(self._process.stdin.fileno(), data) == len(data)
+        except OSError:
+            return False
+
+    def stop(self) -> None:
+        """Stop the table; the signal handler of the process informs the watchdog immediately."""
+        with suppress(ProcessLookupError):
+            if self._process.poll() is None:
+                os.killpg(self._process.pid, signal.SIGINT)
+
+    async def messages(self) -> AsyncGenerator[tuple[str, str]]:
+        """Yield the kind and text of each message from the process until its output ends."""
+        assert self._process.stdout
+        reader = asyncio.StreamReader(_MAX_MESSAGE)
+        protocol = asyncio.StreamReaderProtocol(reader)
+        loop = asyncio.get_running_loop()
+        transport, _ = await loop.connect_read_pipe(lambda: protocol, self._process.stdout)
+        try:
+            while line := await reader.readline():
+                kind, _, text = line.decode("utf-8", "replace").rstrip("\n").partition(" ")
+                yield kind, text
+        except ValueError:
+            return  # an unterminated line is not a complete message
+        finally:
+            transport.close()
+
+    async def wait_for_exit(self) -> int:
+        """Wait until the process has ended, and return its exit status."""
+        assert self._process.stdin
+        with suppress(OSError):
+            self._process.stdin.close()
+        # The wait is in a thread, because a run that is being stopped may need some time to end.
+        return await asyncio.to_thread(self._process.wait)
 
 
 def mounted_line(number: int, mounting: str, by: str) -> str:

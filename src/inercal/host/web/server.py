@@ -40,10 +40,9 @@ from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
 from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.app import application
 from inercal.host.web.device_catalogue import DeviceCatalogue
+from inercal.host.web.folders import Plans, Runs
 from inercal.host.web.hub import Hub
 from inercal.host.web.json_objects import RefusalHandler, RefusalLog
-from inercal.host.web.plans import Plans
-from inercal.host.web.runs import Runs
 from inercal.host.web.viewers import MAX_VIEWERS
 from inercal.laboratory.store import Register
 

@@ -230,7 +230,7 @@ def _state_message(session: ManualSession) -> dict[str, Any]:
         "table": None if state is None else {"axes": [axis_fields(axis) for axis in axes]},
         # These counts are omitted, because no sample is stored and angles are unknown before
         # homing.
-        "imu": None if session.imu is None else imu_fields(session.imu.assembly.tally.bytes),
+        "imu": None if session.imu is None else imu_fields(session.imu.assembly.imu.counts),
         "live": "none",
         "attitude": None,
         "manual": [
@@ -241,11 +241,8 @@ def _state_message(session: ManualSession) -> dict[str, Any]:
 
 
 def _limit_fields(limits: AxisLimits) -> dict[str, float | None]:
-    return {
-        "rate": rounded_number(degrees(limits.rate)),
-        "low": rounded_number(degrees(limits.low)),
-        "high": rounded_number(degrees(limits.high)),
-    }
+    shown = {"rate": limits.rate, "low": limits.low, "high": limits.high}
+    return {name: rounded_number(degrees(value)) for name, value in shown.items()}
 
 
 def _manual_fields(axis: AxisState, limits: AxisLimits, task: AxisTask) -> dict[str, Any]:

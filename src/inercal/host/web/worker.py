@@ -25,8 +25,7 @@ from inercal.host.bench_run import BenchRun
 from inercal.host.clock import SimulatedClock
 from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.live_estimator import LiveEstimator
-from inercal.host.plan_check import check_plan
-from inercal.host.precompilation import precompile_run
+from inercal.host.preparation import check_plan, precompile_run
 from inercal.host.registration import RegisterSync
 from inercal.host.run_execution import RunInterrupted, execute_run, finish_run
 from inercal.host.run_folder import JOURNAL, LOG, RunFolder, create_run, reopen_run
@@ -159,7 +158,7 @@ class RunController:
             try:
                 live = self._execute_plan(made, journal, teller, ending)
             except RunInterrupted as error:
-                return ending.interruption_message(str(error))
+                return ending.end("interrupted", str(error) or "interrupted")
             finally:
                 teller.publish_events()
         self._control.interruptible = False
@@ -197,7 +196,7 @@ class RunController:
         self._compiled = True
         if order.plan is None:
             _advance_past_log(bench, self._folder)
-        if order.speed is None:
+        if order.options.speed is None:
             self._activity = bench.run_context()
         return bench.addresses
 
@@ -279,11 +278,10 @@ class _RunFinalizer:
             journal.record_event("warning", f"the run is not in the register: {error}")
         self.register_sync = RegisterSync(self._register, made.path)
 
-    def interruption_message(self, words: str) -> run_request.EndMessage:
-        """Return the message about the end of a run that can be resumed."""
-        return run_request.end_message(
-            self._order, "interrupted", words or "interrupted", history=self._enter_in_register()
-        )
+    def end(self, state: str, words: str, **more: object) -> run_request.EndMessage:
+        """Enter the run in the register, and return the message about its end."""
+        history = self._enter_in_register()
+        return run_request.end_message(self._order, state, words, history=history, **more)
 
     def complete_run(self, live: LiveEstimator | None) -> run_request.EndMessage:
         """Write recording, calibration and report, and return the message about the end."""
@@ -294,9 +292,7 @@ class _RunFinalizer:
             )
         except InercalError as error:
             self._journal.record_event("alarm", str(error))
-            return run_request.end_message(
-                self._order, "carried out", str(error), history=self._enter_in_register()
-            )
+            return self.end("carried out", str(error))
         name = quote(self._order.name, safe="")
         links = {what: f"/runs/{name}/{what}" for what in ("report", "calibration")}
         verdict = {
@@ -304,16 +300,8 @@ class _RunFinalizer:
             "words": outcome.verdict.word,
             "reasons": list(outcome.verdict.reasons),
         }
-        words = outcome.verdict.lines[0]
-        return run_request.end_message(
-            self._order,
-            "done",
-            words,
-            history=self._enter_in_register(),
-            verdict=verdict,
-            final=page_messages.final_estimates(outcome.calibration),
-            **links,
-        )
+        final = page_messages.final_estimates(outcome.calibration)
+        return self.end("done", outcome.verdict.lines[0], verdict=verdict, final=final, **links)
 
     def _enter_in_register(self) -> str | None:
         """Enter the run in the register; return the address of the sensor's history, if any."""

@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from threading import Condition, Thread
 from time import monotonic
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InercalError
@@ -25,39 +25,7 @@ from inercal.host.web.run_request import ProcessRequest, premature_end_message
 
 # Kinds of messages that are replaced by later messages of the same kind.
 DROPPABLE_KINDS = frozenset(("state", "samples", "coarse", "estimates"))
-_MAX_DROPPABLE = 64  # largest number of waiting messages of these kinds
-T = TypeVar("T")
-
-
-class DroppingQueue(Generic[T]):
-    """A queue that drops the oldest droppable items if nobody takes them.
-
-    Parameters
-    ----------
-    max_droppable : int
-        Largest number of waiting droppable items.
-    """
-
-    def __init__(self, max_droppable: int = _MAX_DROPPABLE):
-        self._max_droppable, self._droppable_count = max_droppable, 0
-        self._waiting: deque[tuple[bool, T]] = deque()
-
-    def put(self, one: T, *, must_keep: bool) -> None:
-        """Add an item, which is droppable unless it must be kept."""
-        self._waiting.append((must_keep, one))
-        self._droppable_count += not must_keep
-        if self._droppable_count > self._max_droppable:
-            oldest = next(i for i, (stays, _) in enumerate(self._waiting) if not stays)
-            del self._waiting[oldest]
-            self._droppable_count -= 1
-
-    def take(self) -> T | None:
-        """Return the oldest item; None if the queue is empty."""
-        if not self._waiting:
-            return None
-        must_keep, one = self._waiting.popleft()
-        self._droppable_count -= not must_keep
-        return one
+MAX_DROPPABLE = 64  # largest number of waiting messages of these kinds
 
 
 class Publisher(Closeable):
@@ -71,7 +39,7 @@ class Publisher(Closeable):
 
     def __init__(self, descriptor: int):
         self._descriptor = descriptor
-        self._queue: DroppingQueue[tuple[str, Mapping[str, object]]] = DroppingQueue()
+        self._waiting: deque[tuple[str, Mapping[str, object]]] = deque()
         self._changed = Condition()
         self._closed = self._written = False
         Thread(target=self._write, name="publisher", daemon=True).start()
@@ -80,7 +48,8 @@ class Publisher(Closeable):
         """Queue a message for writing if there is a reader; this never waits."""
         with self._changed:
             if not self._closed:
-                self._queue.put((kind, content), must_keep=kind not in DROPPABLE_KINDS)
+                self._waiting.append((kind, content))
+                self._drop_surplus()
                 self._changed.notify_all()
 
     def close(self, patience: float = 5.0) -> None:
@@ -116,11 +85,17 @@ class Publisher(Closeable):
             self._closed = self._written = True
             self._changed.notify_all()
 
+    def _drop_surplus(self) -> None:
+        """Drop the oldest message that may be dropped if nobody takes them."""
+        droppable = [i for i, (kind, _) in enumerate(self._waiting) if kind in DROPPABLE_KINDS]
+        if len(droppable) > MAX_DROPPABLE:
+            del self._waiting[droppable[0]]
+
     def _next_message(self) -> tuple[str, Mapping[str, object]] | None:
         with self._changed:
-            while (message := self._queue.take()) is None and not self._closed:
+            while not (self._waiting or self._closed):
                 self._changed.wait()
-            return message
+            return self._waiting.popleft() if self._waiting else None
 
 
 _MAX_LINE = 1 << 16  # largest number of bytes in a line

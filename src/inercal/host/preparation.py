@@ -1,10 +1,11 @@
-"""Compiles the kernels of a run in advance, because a moving table must not wait for them.
+"""Prepares a run before anything moves: checks its plan, and compiles its kernels.
 
-The module calls each kernel with the kinds of arrays that occur in a run: it polls a table at rest,
-encodes packets and converts them to samples, and runs the sequential estimator of the method.
-Without a cache, this takes almost a minute on one core, while a second process compiles the kernels
-for the accelerometers. Later runs on the same machine load the kernels from the cache. The kernels
-for the final calibration are compiled at the end, when the table is at rest.
+Method and table must both accept the plan. A moving table must not wait for a compiler, so each
+kernel is called with the kinds of arrays that occur in a run: a table at rest is polled, packets
+are encoded and converted to samples, and the sequential estimator of the method is run. Without a
+cache, this takes almost a minute on one core, while a second process compiles the kernels for the
+accelerometers. Later runs on the same machine load the kernels from the cache. The kernels for the
+final calibration are compiled at the end, when the table is at rest.
 """
 # Numba is not typed.
 # pyright: reportUnknownMemberType=false
@@ -12,12 +13,15 @@ for the final calibration are compiled at the end, when the table is at rest.
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from inercal.basics.errors import InercalError
-from inercal.benches.turntable import Turntable, require_turntable
+from inercal.basics.errors import InercalError, InputError, NotObserved
+from inercal.benches.motion_control import ControlledBench, SpinTask, Task
+from inercal.benches.turntable import Turntable, is_turntable, require_turntable
+from inercal.benches.turntable.bench import COARSE_REST_SECONDS, settling_time
 from inercal.estimation import Gaussian
 from inercal.estimation.kernel_options import compile_beside
 from inercal.host.assembly import SampleAssembler
@@ -26,10 +30,102 @@ from inercal.host.interlocks import Interlocks
 from inercal.host.live_estimator import Navigator, is_whole_imu
 from inercal.host.packets import PacketLayout, encode
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
+from inercal.host.tasks import RunOptions
+from inercal.physics.plan import Position
 from inercal.physics.quantities import Measures
 from inercal.physics.sensors import G0, Sensor
+from inercal.pipeline.design.turntable_path import turntable_path_sheet
 from inercal.recordings import Track
 from inercal.runfile import Run
+
+_REST_KEY = "hold"  # key of the error if the first rest is too short
+
+
+def check_plan(run: Run) -> tuple[str, ...]:
+    """Return warnings about a plan that a host is about to carry out.
+
+    The method processes a recording of an ideal sensor on an ideal table. It may refuse these data
+    for a reason that does not apply to a real recording, such as a temperature coefficient. Such a
+    refusal says nothing about the plan.
+
+    Parameters
+    ----------
+    run : Run
+
+    Raises
+    ------
+    InputError
+        The first rest is too short, so the method would refuse the recording.
+    """
+    if not is_turntable(run.bench):
+        return ()
+    first = next((step for step in run.steps if isinstance(step, Position)), None)
+    left_out = 2 * settling_time(run.bench)  # omitted at the ends of a rest
+    checked = run
+    if first is not None and first.seconds > left_out:
+        shorter = replace(first, seconds=first.seconds - left_out)
+        steps = tuple(shorter if step is first else step for step in run.steps)
+        checked = replace(run, plan=lambda: steps)
+    try:
+        sheet = turntable_path_sheet(checked)
+    except NotObserved as error:
+        return (f"the plan does not determine all coefficients: {error}",)
+    except InputError as error:
+        if error.key != _REST_KEY:
+            return ()
+        rest = "no rest" if first is None else f"{first.label}, a rest of {first.seconds:g} s"
+        raise InputError(
+            f"the first rest of the plan is {rest}, but the method needs "
+            f"{COARSE_REST_SECONDS:g} s of rest for the first values of the biases: begin with a "
+            "rest of this length or longer",
+            key="[method] path",
+            names=() if first is None else (first.label,),
+        ).located(run.path) from None
+    except Exception:
+        # A method may come from another package. If it fails on an ideal path, the run must not
+        # end.
+        return ()
+    undecided = "; ".join(sheet.undecided)
+    lacking = f"the plan does not determine all coefficients: {undecided}" if undecided else ""
+    return tuple(filter(None, (lacking, *sheet.warnings)))
+
+
+def require_feasible_plan(
+    tasks: Sequence[Task], limits: Sequence[AxisLimits], bench: ControlledBench
+) -> None:
+    """Raise an error if the controller would refuse the plan or nothing enforces a limit.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    limits : sequence of AxisLimits
+        Limits that are set in the controller.
+    bench : ControlledBench
+
+    Raises
+    ------
+    InputError
+        An axis cannot execute the plan; the message names the axis.
+    """
+    names, held = bench.names, bench.axis_motion_limits
+    for task in tasks:
+        if isinstance(task, SpinTask):
+            limits[0].check(names[0], task.rate, held[0].acceleration)
+            continue
+        for name, most, of, *angles in zip(names, limits, held, task.start, task.end, strict=True):
+            for angle in angles:
+                most.check(name, task.rate or of.rate, of.acceleration, angle)
+
+
+def require_thermometer(options: RunOptions, layout: PacketLayout) -> None:
+    """Raise an `InputError` if the temperature of an IMU is limited, but not in its packets."""
+    if options.temperature is not None and "temperature" not in layout.roles:
+        raise InputError(
+            f"the packets of {layout.name} contain no temperature; leave --temperature out",
+            key="--temperature",
+            names=(layout.name,),
+        )
+
 
 _RATE = 10.0  # Hz
 _REST = 22.0  # s; a sequential estimator should not need a longer initial rest
