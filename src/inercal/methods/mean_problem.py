@@ -311,7 +311,7 @@ def _compare_vectors(
     if stated_noise is None and dwell_covariance is not None:
         own = noise(unknowns.start)
     read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
-    relative_size = np.max(read / np.sqrt(np.diagonal(own, axis1=-2, axis2=-1)), axis=-1)
+    relative_size = np.max(read / np.sqrt(np.linalg.diagonal(own)), axis=-1)
 
     def stated_motion(x: Array, which: Indices) -> MeanMotion:
         own = offsets[which] if offsets.ndim == 2 and len(offsets) > 1 else offsets

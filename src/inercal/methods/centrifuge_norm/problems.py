@@ -257,7 +257,7 @@ def _ungauged_norm_problem(
             full = full + np.einsum("...ia,ija,...ja->...ij", along, between, along)
         if observations.common is not None:
             effect = np.einsum("...ia,...iak->...ik", along, observations.common)
-            full = full + effect @ np.swapaxes(effect, -1, -2)
+            full = full + effect @ effect.mT
         return full
 
     y, covariance, table = observations.mean, observations.covariance, term_table(sensor)

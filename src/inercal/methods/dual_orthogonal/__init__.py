@@ -290,12 +290,12 @@ def single(
     rows = rows.reshape(-1, *rows.shape[-2:])[0]
     assert not callable(requested.noise)
     weighted = np.asarray(np.linalg.solve(requested.noise, rows), dtype=float)
-    gain = alone.covariance @ np.swapaxes(weighted, -1, -2)
+    gain = alone.covariance @ weighted.mT
     bench_alone = bench_covariance(sensor, bench, steps)
     columns = reading_sensitivities(sensor, bench, steps)
     estimate = replace(
         alone,
-        covariance=alone.covariance + gain @ bench_alone @ np.swapaxes(gain, -1, -2),
+        covariance=alone.covariance + gain @ bench_alone @ gain.mT,
         # The residuals contain both head errors and noise, so they cannot test either of them.
         chi2=np.zeros(alone.value.shape[:-1]),
         dof=0,

@@ -57,9 +57,9 @@ def group_information(model: AffineModel, a: Array) -> GroupInformation:
     u, s, vt = np.linalg.svd(j, full_matrices=False)
     there = s > RANK_TOLERANCE * s[..., :1]
     inverse = np.where(there, 1 / np.where(there, s, 1.0), 0.0)
-    v = np.swapaxes(vt, -1, -2)
+    v = vt.mT
     known = v * there[..., None, :]
-    back = (v * inverse[..., None, :]) @ np.swapaxes(u, -1, -2)
+    back = (v * inverse[..., None, :]) @ u.mT
     sensed = 2 * model.correct(a)
     gain = -back[..., None] * sensed[..., None, :, :]
     return GroupInformation(
@@ -248,7 +248,7 @@ def _start_from_priors(
     covariance = np.asarray(np.linalg.inv(root.T @ root), dtype=float)
     mean = np.concatenate([target for _, target in rows], axis=-1) @ root @ covariance
     model, slope = affine.to_affine(sensor, mean)
-    stated = slope @ covariance @ np.swapaxes(slope, -1, -2)
+    stated = slope @ covariance @ slope.mT
     return StartingPoint(model, "the stated priors", prior_covariance=stated)
 
 

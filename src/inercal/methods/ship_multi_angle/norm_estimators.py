@@ -72,7 +72,7 @@ def damped(
     if start.gain is not None:
         rest = [k for k in range(len(steps)) if k not in groups]
         whole[..., norm_equations.axis_columns(rest)] = null @ start.gain
-    covariance = whole @ spread @ np.swapaxes(whole, -1, -2)
+    covariance = whole @ spread @ whole.mT
     if start.prior_covariance is not None:
         covariance = covariance + null @ start.prior_covariance @ null
     decided = ("damping", start.uncertainty_source)
@@ -214,7 +214,7 @@ def _norm_estimate(
     left = free.free_directions(sensor, one, a[first], spread[first])
     if sensor.frame != "mount":
         kept = norm_equations.frame_projection(done.model)
-        covariance = kept @ covariance @ np.swapaxes(kept, -1, -2)
+        covariance = kept @ covariance @ kept.mT
         gain = kept @ gain
     agreement = consistency(observations, sensor, bench, steps, done.model, gain, level, groups)
     turns = free.undetermined_rotations(sensor, left)

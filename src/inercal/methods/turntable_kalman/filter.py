@@ -195,30 +195,19 @@ class Filter(ABC, Generic[S]):
         covariance[np.ix_(biases, biases)] += moved[:, drift] @ by.T
         covariance[biases, biases] += beyond[axis] / weight**2
 
-    def mean_bias_transform(self, elapsed: float, since: float = 0.0) -> tuple[Array, Array]:
-        """Return the dependence of mean biases on the states, and their additional variance.
+    def mean_bias_transform(self, elapsed: float, since: float = 0.0) -> Array:
+        """Return the effect of each state on each mean bias, beyond the bias itself, (n, n).
 
-        Parameters
-        ----------
-        elapsed, since : float
-            The same as for `Drift.mean`.
-
-        Returns
-        -------
-        by : (n, n) array
-            Effect of each state on each coefficient, beyond the coefficient itself.
-        variance : (n,) array
-            Variance of the drift since the states were predicted.
+        The times are those of `Drift.mean`.
         """
-        part, n, at = self.triad, len(self.states), len(self.leading_states)
-        by, variance = np.zeros((n, n)), np.zeros(n)
+        part, at = self.triad, len(self.leading_states)
+        by = np.zeros((len(self.states), len(self.states)))
         first = at + len(self.initial_values)
-        rows, beyond = part.drift.mean(elapsed, since)
+        rows, _ = part.drift.mean(elapsed, since)
         for m in np.flatnonzero(part.terms.bias):
-            i, weight = part.terms.axis[m], part.terms.weights[m, BIAS]
-            by[at + m, first : first + part.drift.size] = rows[i] / weight
-            variance[at + m] = beyond[i] / weight**2
-        return by, variance
+            weight = part.terms.weights[m, BIAS]
+            by[at + m, first : first + part.drift.size] = rows[part.terms.axis[m]] / weight
+        return by
 
     def covariance(self, before: float) -> Array:
         """Return the prior covariance of the states, (n, n).

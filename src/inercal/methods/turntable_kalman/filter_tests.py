@@ -89,7 +89,7 @@ def innovation_test_data(
         if made.triad.drift.mean_over_run:  # biases are estimated as means over the run
             end = float(track.time[-1])
             elapsed = end - float(track.time[0]), end - float(time[-1])
-            by, _ = made.mean_bias_transform(*elapsed)
+            by = made.mean_bias_transform(*elapsed)
             sums = sums._replace(moved=sums.moved + by @ sums.moved)
     if sums is not None and isinstance(made, GyroFilter):
         sums = _sums_for_time_states(made, found, names, sums)

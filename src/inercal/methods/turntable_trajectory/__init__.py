@@ -248,9 +248,7 @@ def with_mean_biases(
         estimate,
         value=value,
         covariance=by @ estimate.covariance @ by.T + beyond,
-        scoring=estimate.scoring.then(
-            lambda score_tests: score_tests.with_shifts(lambda shift: by @ shift)
-        ),
+        scoring=estimate.scoring.then(lambda one: one.with_shifts(lambda shift: by @ shift)),
     )
 
 
