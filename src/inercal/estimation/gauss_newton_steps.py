@@ -27,7 +27,7 @@ Problems, 2.4).
 """
 
 from collections.abc import Iterable
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -161,11 +161,9 @@ def _stacked(rows: Array, prior_rows: Array) -> Array:
 
 def _regular(triangles: Array) -> tuple[Array, Bools]:
     """Return triangles (trials, k, k), where a singular one is the identity, and which are not."""
-    rows, k = triangles.shape[1:]
+    n, rows, k = triangles.shape
     if rows < k:
-        return np.broadcast_to(np.eye(k), (len(triangles), k, k)), np.zeros(
-            len(triangles), dtype=bool
-        )
+        return np.broadcast_to(np.eye(k), (n, k, k)), np.zeros(n, dtype=bool)
     diagonal = np.abs(np.linalg.diagonal(triangles))
     most = np.max(diagonal, axis=-1, initial=0.0, keepdims=True)
     regular = np.asarray(np.all(diagonal > 1e-14 * most, axis=-1), dtype=bool)
@@ -209,6 +207,8 @@ class Point(Protocol):
 
     def __iter__(self) -> Iterable[Array]: ...
 
+    def _replace(self, **values: Any) -> Self: ...
+
 
 P = TypeVar("P", bound=Point)
 
@@ -235,10 +235,6 @@ class Trials(Protocol[P]):
 
         Trials that are not active keep their values.
         """
-        ...
-
-    def with_values(self, point: P, x: Array, chosen: Bools) -> P:
-        """Return the point with x, (trials, p), replaced in the chosen trials."""
         ...
 
     def accepted(self, tried: P, point: P, chosen: Bools) -> P:
@@ -271,7 +267,7 @@ def search(system: Trials[P], max_iterations: int = MAX_ITERATIONS) -> tuple[P, 
         iterations += active
         last = active & settled & (damping == 0) & (predicted <= _NEGLIGIBLE)
         if last.any():
-            point = system.with_values(point, point.x + move, last)
+            point = point._replace(x=np.where(last[:, None], point.x + move, point.x))
             move[last] = 0.0
             converged |= last
             active &= ~last

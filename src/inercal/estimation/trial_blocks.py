@@ -228,12 +228,6 @@ class PackedTrials:
         if not positive.all():
             raise whitened_problem.noise_error(problem, int(np.flatnonzero(~positive)[0]))
 
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom of χ²."""
-        fixed = 0 if self.basis is None else self.basis.shape[0] - self.basis.shape[1]
-        return self.m + len(self._prior_rows) + fixed - len(self.problem.names)
-
     def _point(self, x: Array, which: Indices) -> PackedPoint:
         """Return the point for the trials with these indices, at their own x."""
         found = self._of(x, which)
@@ -267,10 +261,6 @@ class PackedTrials:
             return tried, self.cost(tried)
         return tried, _squares(point.weight * tried.residual) + _squares(tried.prior)
 
-    def with_values(self, point: PackedPoint, x: Array, chosen: Bools) -> PackedPoint:
-        """Return the point with some values replaced; see `gauss_newton_steps.Trials`."""
-        return point._replace(x=np.where(chosen[:, None], x, point.x))
-
     def accepted(self, tried: PackedPoint, point: PackedPoint, chosen: Bools) -> PackedPoint:
         """Return the merged point; see `gauss_newton_steps.Trials`."""
         return tried if chosen.all() else PackedPoint(*merge(chosen, tried, point))
@@ -287,7 +277,7 @@ class PackedTrials:
             value=point.x,
             covariance=covariance,
             chi2=self.cost(point),
-            dof=self.dof,
+            dof=self.m + len(self._prior_rows) - self._prior_rows.shape[1],
             residual=point.residual,
             whitened=point.whitened,
             observations=self.problem.observations,

@@ -14,7 +14,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.units import format_count
 from inercal.benches.rate_table.bench import RateTable
-from inercal.estimation import Estimate, NullDirection
+from inercal.estimation import Estimate
 from inercal.methods import Priors
 from inercal.methods.ship_consistency import consistency, row_covariance
 from inercal.methods.ship_multi_angle import free_norm_directions as free
@@ -217,7 +217,6 @@ def _norm_estimate(
         covariance = kept @ covariance @ kept.mT
         gain = kept @ gain
     agreement = consistency(observations, sensor, bench, steps, done.model, gain, level, groups)
-    turns = free.undetermined_rotations(sensor, left)
     return affine_estimate(
         sensor,
         done.model,
@@ -226,23 +225,21 @@ def _norm_estimate(
         np.einsum("...ai,...aij,...aj->...a", along, blocks, along),
         tuple(f"|f|[{steps[k].label}]" for k in groups),
         agreement,
-        notes=_free_direction_notes(left, turns, decided),
+        notes=_free_direction_notes(left, decided),
         rank=left.rank,
-        null_directions=(*turns, *left.unobserved, *left.weak),
+        null_directions=(*left.rotations, *left.unobserved, *left.weak),
         converged=done.converged,
         iterations=done.steps,
     )
 
 
-def _free_direction_notes(
-    left: free.FreeDirections, turns: tuple[NullDirection, ...], decided: tuple[str, str]
-) -> tuple[str, ...]:
+def _free_direction_notes(left: free.FreeDirections, decided: tuple[str, str]) -> tuple[str, ...]:
     """Return notes on free directions, on what decided them, and on weak directions."""
-    named = [one.words for one in (*turns, *left.unobserved)]
+    named = [one.words for one in (*left.rotations, *left.unobserved)]
     what, source = decided
     rank = f"Norms determine {left.rank} of 12 coefficients"
     notes: list[str] = []
-    if not turns:
+    if not left.rotations:
         notes.append(
             f"{rank}, and the stated frame determines three (symmetric misalignments). The "
             "orientation of this frame in the housing is not determined."

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar, Generic, NamedTuple
+from typing import ClassVar, Generic
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -19,6 +19,7 @@ from inercal.basics.arrays import Array, Indices
 from inercal.basics.parameters import Parameter
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimation import FilterHistory
+from inercal.estimation.innovations import StateEstimate
 from inercal.estimation.kalman import FilterSteps, allocate_steps
 from inercal.estimation.lazy_value import LazyValue
 from inercal.methods import temperature
@@ -42,14 +43,6 @@ from inercal.recordings import Track
 _NONE = np.zeros(0)
 TILT = ("phi_e", "phi_n", "phi_u")
 """φ: the error of the attitude that a filter uses, about east, north and up."""
-
-
-class FilterEstimate(NamedTuple):
-    """The current estimate of a filter: all states from the coefficients on."""
-
-    value: Array  # (s,)
-    covariance: Array  # (s, s)
-    shared_covariance: Array  # (p, p), of the coefficients due to gravity; no innovation shows it
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,8 +157,8 @@ class Filter(ABC, Generic[S]):
             sums.
         """
 
-    def estimate(self, state: S) -> FilterEstimate:
-        """Return the current estimate, with biases as means over the run so far."""
+    def estimate(self, state: S) -> StateEstimate:
+        """Return the states from the coefficients on, with biases as means over the run so far."""
         at, p = len(self.leading_states), len(self.initial_values)
         value, covariance = state.x[at:].copy(), state.p[at:, at:].copy()
         value[:p] += state.theta
@@ -173,7 +166,7 @@ class Filter(ABC, Generic[S]):
             sample, epoch, start = state.time[:3].tolist()
             self._refer_biases_to_mean(value, covariance, sample - start, sample - epoch)
         covariance[:p, :p] += self.shared_covariance
-        return FilterEstimate(value, covariance, self.shared_covariance)
+        return StateEstimate(value, covariance)
 
     def _refer_biases_to_mean(
         self, value: Array, covariance: Array, elapsed: float, since: float
@@ -323,7 +316,7 @@ class RunningFilter(Generic[S]):
         return made
 
     @property
-    def estimate(self) -> FilterEstimate:
+    def estimate(self) -> StateEstimate:
         """The current estimate."""
         return self.filter.estimate(self.state)
 

@@ -20,6 +20,7 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.estimation import FilterHistory, ModelTest, ResidualGroup, ScoreTestSet, score_tests
 from inercal.estimation.candidate_scores import rows_from_products
 from inercal.estimation.innovations import (
+    StateEstimate,
     epoch_groups,
     group_innovations,
     mean_and_whiteness_tests,
@@ -36,7 +37,7 @@ from inercal.methods.turntable.score_columns import ColumnInputs, ConstantColumn
 from inercal.methods.turntable_kalman._accelerometers import VelocityState
 from inercal.methods.turntable_kalman._readback import AttitudeState
 from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
-from inercal.methods.turntable_kalman.filter import TILT, FilterEstimate
+from inercal.methods.turntable_kalman.filter import TILT
 from inercal.methods.turntable_kalman.filtered_track import FilteredTrack
 from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.recordings import Observations
@@ -62,7 +63,7 @@ class InnovationTestData(NamedTuple):
 
 
 def innovation_test_data(
-    made: AnyFilter, filtered: AnyTrack, found: FilterEstimate, priors: Priors
+    made: AnyFilter, filtered: AnyTrack, found: StateEstimate, priors: Priors
 ) -> InnovationTestData:
     """Return the data for testing a filter; `found` is its estimate at the end of the run."""
     track, time = filtered.track, filtered.history.time
@@ -171,7 +172,7 @@ def _without_effects_of_states(made: AnyFilter, some: ConstantColumns) -> Consta
 
 
 def _sums_for_time_states(
-    made: GyroFilter, found: FilterEstimate, some: tuple[ConstantColumn, ...], sums: OmittedSums
+    made: GyroFilter, found: StateEstimate, some: tuple[ConstantColumn, ...], sums: OmittedSums
 ) -> OmittedSums:
     """Return the sums; those for latency and clock states are computed from their estimates.
 
