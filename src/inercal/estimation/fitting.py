@@ -322,6 +322,10 @@ class LinearisedRows:
         self._active = active
         return tried, self.cost(tried)
 
+    def with_values(self, point: LinearisationPoint, x: Array, chosen: Bools) -> LinearisationPoint:
+        """Return the point with some values replaced; see `gauss_newton_steps.Trials`."""
+        return point._replace(x=np.where(chosen[:, None], x, point.x))
+
     def accepted(
         self, tried: LinearisationPoint, point: LinearisationPoint, chosen: Bools
     ) -> LinearisationPoint:

@@ -27,7 +27,7 @@ Problems, 2.4).
 """
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple, Protocol, Self, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -161,7 +161,7 @@ def _stacked(rows: Array, prior_rows: Array) -> Array:
 
 def _regular(triangles: Array) -> tuple[Array, Bools]:
     """Return triangles (trials, k, k), where a singular one is the identity, and which are not."""
-    n, rows, k = triangles.shape
+    n, (rows, k) = len(triangles), triangles.shape[1:]
     if rows < k:
         return np.broadcast_to(np.eye(k), (n, k, k)), np.zeros(n, dtype=bool)
     diagonal = np.abs(np.linalg.diagonal(triangles))
@@ -207,8 +207,6 @@ class Point(Protocol):
 
     def __iter__(self) -> Iterable[Array]: ...
 
-    def _replace(self, **values: Any) -> Self: ...
-
 
 P = TypeVar("P", bound=Point)
 
@@ -235,6 +233,10 @@ class Trials(Protocol[P]):
 
         Trials that are not active keep their values.
         """
+        ...
+
+    def with_values(self, point: P, x: Array, chosen: Bools) -> P:
+        """Return the point with x, (trials, p), replaced in the chosen trials."""
         ...
 
     def accepted(self, tried: P, point: P, chosen: Bools) -> P:
@@ -267,7 +269,7 @@ def search(system: Trials[P], max_iterations: int = MAX_ITERATIONS) -> tuple[P, 
         iterations += active
         last = active & settled & (damping == 0) & (predicted <= _NEGLIGIBLE)
         if last.any():
-            point = point._replace(x=np.where(last[:, None], point.x + move, point.x))
+            point = system.with_values(point, point.x + move, last)
             move[last] = 0.0
             converged |= last
             active &= ~last

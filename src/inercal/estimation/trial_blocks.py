@@ -213,7 +213,7 @@ class PackedTrials:
     def __init__(self, problem: Problem, trials: int):
         assert problem.normal_equations is not None
         self.problem, self.trials, self._of = problem, trials, problem.normal_equations
-        self.reweighted = callable(problem.noise)
+        self.reweighted: bool = callable(problem.noise)
         self.basis, start = whitened_problem.gauge_basis(problem)
         self._prior_full, self._prior_rows, targets = whitened_problem.prior_equations(
             problem, self.basis
@@ -260,6 +260,10 @@ class PackedTrials:
         if not self.reweighted:
             return tried, self.cost(tried)
         return tried, _squares(point.weight * tried.residual) + _squares(tried.prior)
+
+    def with_values(self, point: PackedPoint, x: Array, chosen: Bools) -> PackedPoint:
+        """Return the point with some values replaced; see `gauss_newton_steps.Trials`."""
+        return point._replace(x=np.where(chosen[:, None], x, point.x))
 
     def accepted(self, tried: PackedPoint, point: PackedPoint, chosen: Bools) -> PackedPoint:
         """Return the merged point; see `gauss_newton_steps.Trials`."""

@@ -209,13 +209,10 @@ def require_coverage(rests: Rests, priors: Priors) -> None:
     sensor, p, a = rests.sensor, len(rests.sensor.coefficients), len(rests.force.coefficients)
     information = geometry_information(rests, priors)
     free: list[Array] = []
-    for part in (slice(0, a), slice(a, p)):
-        if information[part, part].size:
-            values, vectors = np.linalg.eigh(information[part, part])
-            for vector in vectors[:, values < OBSERVABILITY_LIMIT**-2].T:
-                whole = np.zeros(p)
-                whole[part] = vector
-                free.append(whole)
+    for first, stop in ((0, a), (a, p)):
+        values, vectors = np.linalg.eigh(information[first:stop, first:stop])
+        weak = vectors[:, values < OBSERVABILITY_LIMIT**-2].T
+        free += [*np.pad(weak, ((0, 0), (first, p - stop)))]
     if not free:
         return
     words = tuple(direction_in_words(row, sensor.coefficients) for row in free)

@@ -6,7 +6,7 @@ the start or of the bounds along them. If the frame of the sensor is stated, it 
 and both estimators agree.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -225,7 +225,7 @@ def _norm_estimate(
         np.einsum("...ai,...aij,...aj->...a", along, blocks, along),
         tuple(f"|f|[{steps[k].label}]" for k in groups),
         agreement,
-        notes=_free_direction_notes(left, decided),
+        notes=tuple(_free_direction_notes(left, decided)),
         rank=left.rank,
         null_directions=(*left.rotations, *left.unobserved, *left.weak),
         converged=done.converged,
@@ -233,24 +233,22 @@ def _norm_estimate(
     )
 
 
-def _free_direction_notes(left: free.FreeDirections, decided: tuple[str, str]) -> tuple[str, ...]:
-    """Return notes on free directions, on what decided them, and on weak directions."""
+def _free_direction_notes(left: free.FreeDirections, decided: tuple[str, str]) -> Iterator[str]:
+    """Yield notes on free directions, on what decided them, and on weak directions."""
     named = [one.words for one in (*left.rotations, *left.unobserved)]
     what, source = decided
     rank = f"Norms determine {left.rank} of 12 coefficients"
-    notes: list[str] = []
     if not left.rotations:
-        notes.append(
+        yield (
             f"{rank}, and the stated frame determines three (symmetric misalignments). The "
             "orientation of this frame in the housing is not determined."
         )
     if named:
-        notes.append(
+        yield (
             f"Warning: {rank}. {what.capitalize()} decided "
             f"{format_count(len(named), 'direction')}, whose uncertainty is that of {source}: "
             f"{'; '.join(named)}."
         )
     if left.weak:
         words = "; ".join(one.words for one in left.weak)
-        notes.append(f"Warning: only accidental deviations of the mountings determine {words}.")
-    return tuple(notes)
+        yield f"Warning: only accidental deviations of the mountings determine {words}."

@@ -333,25 +333,17 @@ def residual_group(one: FilterResult, observations: Observations) -> ResidualGro
     """Return the mean innovations in each step of the run."""
     kept = one.course.nis > 0
     time, z = one.course.time[kept], one.course.innovation[kept, :3]
-    labels: list[str] = []
-    means: list[Array] = []
-    counts: list[int] = []
-    for label, middle, seconds in zip(
-        observations.labels, observations.time, observations.duration, strict=True
-    ):
-        at = np.abs(time - middle) <= seconds / 2
-        if at.any():
-            labels.append(label)
-            means.append(z[at].mean(axis=0))
-            counts.append(int(at.sum()))
-    residual = np.array(means).reshape(-1, 3)
+    every = zip(observations.labels, observations.time, observations.duration, strict=True)
+    parts = [(label, z[np.abs(time - t) <= seconds / 2]) for label, t, seconds in every]
+    parts = [(label, part) for label, part in parts if len(part)]
+    counts = np.array([len(part) for _, part in parts], dtype=float)
     return ResidualGroup(
         name=f"innovations of the {one.course.name}' filter, mean of each step",
         unit=one.unit,
-        labels=tuple(labels),
-        residual=residual,
+        labels=tuple(label for label, _ in parts),
+        residual=np.array([part.mean(axis=0) for _, part in parts]).reshape(-1, 3),
         # Innovations are independent.
-        sd=one.sd / np.sqrt(np.array(counts, dtype=float))[:, None] * np.ones(3),
+        sd=one.sd / np.sqrt(counts)[:, None] * np.ones(3),
         chi2=one.nis,
         dof=one.dof,
         spread=ScatterModel(excess=one.sd * float(np.sqrt(variance_inflation(one) - 1))),
