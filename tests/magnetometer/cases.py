@@ -6,13 +6,13 @@
 import numpy as np
 
 from inercal.basics.units import Measured
-from inercal.methods.magnetic_field import (
+from inercal.methods.magnetic_field.fitting import fit_field
+from inercal.methods.magnetic_field.records import (
     Directions,
     FieldConditions,
     FieldNodes,
     LinearModel,
     Links,
-    fit_field,
 )
 
 NAMES = (*(f"m{i}.{what}" for i in "xyz" for what in ("bias", "scale", "delta_o", "delta_p")),)

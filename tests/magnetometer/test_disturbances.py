@@ -15,7 +15,9 @@ from tests.magnetometer.cases import band, fit, linear_model, normalised_error
 from inercal.basics.errors import InputError
 from inercal.calibration.detectability import undetectable_causes
 from inercal.estimation.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
-from inercal.methods.magnetic_field import LinearModel, field_tests, inhomogeneity_interval
+from inercal.methods.magnetic_field.disturbances import field_tests
+from inercal.methods.magnetic_field.fitting import inhomogeneity_interval
+from inercal.methods.magnetic_field.records import LinearModel
 
 LEVEL = SCORE_TEST_SHARE * SIGNIFICANCE_LEVEL
 N = 24

@@ -11,12 +11,8 @@ from tests.magnetometer.cases import fit, linear_model, records
 
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import Measured
-from inercal.methods.magnetic_field import (
-    Directions,
-    FieldConditions,
-    LinearModel,
-    fit_field,
-)
+from inercal.methods.magnetic_field.fitting import fit_field
+from inercal.methods.magnetic_field.records import Directions, FieldConditions, LinearModel
 
 
 def rests(rng, attitude):

@@ -10,7 +10,8 @@ from tests.magnetometer import generator as sim
 from tests.magnetometer.cases import band, fit, linear_model, normalised_error, records, true_values
 
 from inercal.basics.units import Measured
-from inercal.methods.magnetic_field import FieldConditions, LinearModel, fit_field
+from inercal.methods.magnetic_field.fitting import fit_field
+from inercal.methods.magnetic_field.records import FieldConditions, LinearModel
 
 GOOD_ACCELEROMETER = np.full(9, 300e-6)  # 300 ppm and 0.3 mg
 POOR_ACCELEROMETER = np.full(9, 5e-3)

@@ -67,7 +67,7 @@ def score_tests_of_trials(
     size_of = column_lengths(jacobian)
     q, triangle = np.linalg.qr(jacobian / size_of[:, None])
     back = np.linalg.pinv(triangle) / size_of[..., None]
-    fit = _Fit(residual, np.swapaxes(q, -1, -2), back if to is None else to @ back)
+    fit = _Fit(residual, q.mT, back if to is None else to @ back)
     result: list[list[ScoreTest]] = [[] for _ in range(trials)]
     bases: list[Array] = []
     columns_of, few = np.zeros(trials, dtype=int), min(_FEW_COLUMNS, _NUMBERS // max(m, 1))
@@ -115,7 +115,7 @@ def _tests_of_batch(
         groups.setdefault(alike, []).append((place, one, part))
     columns *= unit[:, None]
     taken = fit.project @ columns
-    q = np.swapaxes(fit.project, -1, -2)
+    q = fit.project.mT
     left = columns - q @ taken
     left -= q @ (fit.project @ left)  # repeated, as the remainder may be a millionth of the column
     result: list[list[ScoreTest | None]] = [[None] * len(batch) for _ in range(trials)]
@@ -197,7 +197,7 @@ def _score_tests(
     one_shift = (shifts @ size[..., None])[..., 0]
     # Errors of a bench have random sizes, so their open directions have the deviation of the others
     typical = np.linalg.norm(size, axis=-1) / np.sqrt(np.maximum(np.sum(shown, axis=-1), 1))
-    hidden = shifts - (shifts @ np.swapaxes(v, -1, -2)) @ v
+    hidden = shifts - (shifts @ v.mT) @ v
     scatter = bench[:, None] * typical[..., None] * np.linalg.norm(hidden, axis=-1)
     one_shift = np.copysign(np.hypot(one_shift, scatter), one_shift)
     shift = np.where(seen[..., None], one_shift, np.linalg.norm(shifts, axis=-1))
@@ -301,7 +301,7 @@ def rows_from_products(gram: Array, product: Array) -> tuple[Array, Array]:
 def _ranks(spaces: Sequence[Array], trials: int) -> Indices:
     """Return the dimensions of the sums of spaces, given by orthonormal bases (trials, m, k)."""
     whole = np.concatenate(spaces, axis=-1) if spaces else np.zeros((trials, 0, 0))
-    across = np.swapaxes(whole, -1, -2)
+    across = whole.mT
     gram = whole @ across if whole.shape[1] <= whole.shape[2] else across @ whole
     if not gram.size:
         return np.zeros(trials, dtype=np.intp)

@@ -218,11 +218,6 @@ def fine_variances(
     return np.maximum(total / np.maximum(dof, 1), SMALLEST_VARIANCE), dof
 
 
-def _log_variance(freedom: Array) -> Array:
-    """Return the variance of the logarithm of an estimated variance: a trigamma function."""
-    return np.asarray(scipy.special.polygamma(1, freedom / 2), dtype=np.float64)
-
-
 def _log_bias(freedom: Array) -> Array:
     """Return the mean of the logarithm of an estimated variance divided by its expectation."""
     half: Array = freedom / 2
@@ -233,7 +228,8 @@ def moderated_variances(own: Array, dof: Array) -> tuple[Array, Array]:
     """Return the moderated variances of r sections, (r,), and the degrees of freedom of each."""
     if len(own) < 3:
         return own, dof
-    log, expected = np.log(own) - _log_bias(dof), _log_variance(dof)
+    # The variance of the logarithm of an estimated variance is a trigamma function.
+    log, expected = np.log(own) - _log_bias(dof), np.asarray(scipy.special.polygamma(1, dof / 2))
     weight = 1 / expected
     middle = float(weight @ log / weight.sum())
     spread = float(np.sum((log - middle) ** 2) / (len(own) - 1) - expected.mean())

@@ -4,7 +4,7 @@
 ψ = ρ′/2 enters the steps of the search through iterated weights w = ψ/u.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,13 @@ from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.problem import Problem
 from inercal.estimation.residual_scatter import WhitenedRows
 from inercal.estimation.result import NO_ROWS, OF_TRIALS, Estimate
-from inercal.estimation.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet, UnlikeTrials
+from inercal.estimation.scores import (
+    NO_SCORE_TESTS,
+    Candidate,
+    ScoreTestSet,
+    UnlikeTrials,
+    with_rows,
+)
 from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem
 
 _PULLED = 6.0  # deviation in prior standard deviations, beyond which the fit contradicts the prior
@@ -209,11 +215,8 @@ def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint)
     residual, jacobian, found = _whitened_candidates(system, point)
     # Candidates that arrive one by one are not collected: with hundreds of rows they would not fit
     # in memory.
-    if not isinstance(found, Sequence):
-        return score_tests(residual[0], jacobian[0], found, system.basis)
-    return score_tests(
-        residual[0], jacobian[0], found, system.basis, _spanned_at_statements(system, point)
-    )
+    spanned = _spanned_at_statements(system, point) if isinstance(found, Sequence) else ()
+    return score_tests(residual[0], jacobian[0], found, system.basis, spanned)
 
 
 def _whitened_candidates(
@@ -228,20 +231,14 @@ def _whitened_candidates(
     left_out = system.problem.candidates(point.x[0] if system.single else point.x)
     whitener = system.whitener(point.x)
 
-    def whitened(some: Iterable[Candidate]) -> Iterator[Candidate]:
-        together = list(some)
+    def whitened(together: Sequence[Candidate]) -> list[Candidate]:
         lead = () if system.single else (len(point.x),)
         rows = np.concatenate(
             [np.broadcast_to(one.rows, (*lead, *one.rows.shape[-2:])) for one in together], axis=-1
         )
         rows = whitener.whiten(rows)
         rows = np.concatenate([rows, np.zeros((len(rows), width, rows.shape[-1]))], axis=1)
-        rows = rows[0] if system.single else rows
-        start = 0
-        for one in together:
-            stop = start + one.rows.shape[-1]
-            yield replace(one, rows=rows[..., start:stop])
-            start = stop
+        return with_rows(together, rows[0] if system.single else rows)
 
     residual = np.concatenate([point.whitened, point.prior], axis=-1)
     jacobian = point.weight[..., None] * point.rows
@@ -249,7 +246,7 @@ def _whitened_candidates(
     jacobian = np.concatenate([jacobian, prior], axis=1)
     jacobian = np.broadcast_to(jacobian, (len(residual), *jacobian.shape[1:]))
     if isinstance(left_out, Sequence):
-        return residual, jacobian, list(whitened(left_out)) if left_out else []
+        return residual, jacobian, whitened(left_out) if left_out else []
     return residual, jacobian, (scaled for one in left_out for scaled in whitened([one]))
 
 
@@ -363,7 +360,7 @@ def _robust_covariance(
         point.rows, np.sqrt(mean)[:, None] * weight, system.prior_rows
     )
     rows = weight[..., None] * point.rows
-    normal = np.swapaxes(rows, -1, -2) @ rows
+    normal = rows.mT @ rows
     meat = pull[:, None, None] * normal + system.prior_rows.T @ system.prior_rows
     k = 1 + system.free / system.m * np.var(slope, axis=-1) / mean**2
     return k[:, None, None] ** 2 * (inverse @ meat @ inverse), ok & usable

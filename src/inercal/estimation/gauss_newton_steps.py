@@ -113,7 +113,7 @@ def covariance(rows: Array, weight: Array, prior_rows: Array) -> tuple[Array, Bo
         size = column_lengths(stacked)
         triangle, regular = _regular(np.linalg.qr(stacked / size[:, None])[1])
         inverse = np.linalg.inv(triangle) / size[..., None]
-        found = inverse @ np.swapaxes(inverse, -1, -2)
+        found = inverse @ inverse.mT
         found[~regular] = np.nan
         return found, np.isfinite(found[:, 0, 0])
     normal, _ = _normal_equations(rows, weight, np.zeros((1, rows.shape[1])))
@@ -161,12 +161,10 @@ def _stacked(rows: Array, prior_rows: Array) -> Array:
 
 def _regular(triangles: Array) -> tuple[Array, Bools]:
     """Return triangles (trials, k, k), where a singular one is the identity, and which are not."""
-    rows, k = triangles.shape[1:]
+    n, (rows, k) = len(triangles), triangles.shape[1:]
     if rows < k:
-        return np.broadcast_to(np.eye(k), (len(triangles), k, k)), np.zeros(
-            len(triangles), dtype=bool
-        )
-    diagonal = np.abs(np.diagonal(triangles, axis1=-2, axis2=-1))
+        return np.broadcast_to(np.eye(k), (n, k, k)), np.zeros(n, dtype=bool)
+    diagonal = np.abs(np.linalg.diagonal(triangles))
     most = np.max(diagonal, axis=-1, initial=0.0, keepdims=True)
     regular = np.asarray(np.all(diagonal > 1e-14 * most, axis=-1), dtype=bool)
     return np.where(regular[:, None, None], triangles, np.eye(k)), regular
@@ -184,7 +182,7 @@ def _solve_by_qr(
     )
     q, triangle = np.linalg.qr(damped)
     triangle, regular = _regular(triangle)
-    target = np.swapaxes(q[:, : right.shape[1]], -1, -2) @ right[..., None]
+    target = q[:, : right.shape[1]].mT @ right[..., None]
     step = np.linalg.solve(triangle, target)
     # δᵀ(AᵀA + λD²)δ + λ δᵀD²δ loses no accuracy to cancellation.
     predicted = np.sum((triangle @ step)[..., 0] ** 2, axis=-1)
@@ -219,16 +217,8 @@ class Trials(Protocol[P]):
     problem: Problem
     trials: int
     m: int
-
-    @property
-    def first(self) -> P:
-        """The point at which the search starts."""
-        ...
-
-    @property
-    def reweighted(self) -> bool:
-        """Whether the weights change from step to step."""
-        ...
+    first: P  # the point at which the search starts
+    reweighted: bool  # whether the weights change from step to step
 
     def cost(self, point: P) -> Array:
         """Return Σ ρ(u) + Σ v² at a point, (trials,)."""

@@ -19,12 +19,20 @@ the estimate, including priors, sums A r over groups have the covariance A Aᵀ 
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.scores import ModelTest
+
+
+class StateEstimate(NamedTuple):
+    """The current estimate of a filter's states, or of its constants."""
+
+    value: Array  # (s,)
+    covariance: Array  # (s, s)
 
 
 @dataclass(frozen=True, eq=False)

@@ -166,9 +166,9 @@ def cholesky(covariance: Array, what: str, names: tuple[str, ...] = ()) -> Array
         raise refusal("finite")
     # Judged from correlations, because the parameters' units may differ by many decades.
     with np.errstate(invalid="ignore", divide="ignore"):
-        sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+        sd = np.sqrt(np.linalg.diagonal(covariance))
         correlation = covariance / (sd[..., :, None] * sd[..., None, :])
-    asymmetry = np.abs(correlation - np.swapaxes(correlation, -1, -2))
+    asymmetry = np.abs(correlation - correlation.mT)
     if not np.all(asymmetry < 1e-8):
         raise refusal("symmetric with a positive diagonal")
     try:

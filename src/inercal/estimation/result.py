@@ -233,12 +233,12 @@ class Estimate:
     @cached_property
     def std(self) -> Array:
         """Standard uncertainties to report, (..., p)."""
-        return np.sqrt(np.diagonal(self.stated_covariance, axis1=-2, axis2=-1))
+        return np.sqrt(np.linalg.diagonal(self.stated_covariance))
 
     @property
     def correlation(self) -> Array:
         """Correlation coefficients, (..., p, p); zero for parameters fixed by convention."""
-        sd = np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
+        sd = np.sqrt(np.linalg.diagonal(self.covariance))
         product = sd[..., :, None] * sd[..., None, :]
         return self.covariance / np.where(product > 0, product, 1.0)
 
@@ -337,16 +337,16 @@ def with_prior_covariance(
             within[..., k, :] = within[..., :, k] = cross[..., own, :]
     added = np.linalg.inv(prior) - np.linalg.inv(taken)
     gain: Array = added @ np.linalg.inv(np.eye(len(at)) + within @ added)
-    gain = (gain + _transposed(gain)) / 2
+    gain = (gain + gain.mT) / 2
     off = mean[at] - b
     step = (gain @ off[..., None])[..., 0]
-    moved: Array = estimate.covariance - cross @ gain @ _transposed(cross)
+    moved: Array = estimate.covariance - cross @ gain @ cross.mT
     after = (cross - cross @ gain @ within) @ np.linalg.inv(prior)
     tested = bool(estimate.dof) and not estimate.groups
     return replace(
         estimate,
         value=estimate.value + (cross @ step[..., None])[..., 0],
-        covariance=(moved + _transposed(moved)) / 2,
+        covariance=(moved + moved.mT) / 2,
         chi2=estimate.chi2 + np.sum(off * step, axis=-1) if tested else estimate.chi2,
         sensitivities={
             **estimate.sensitivities,
@@ -354,7 +354,3 @@ def with_prior_covariance(
         },
         joint_priors=estimate.joint_priors | set(kept),
     )
-
-
-def _transposed(matrix: Array) -> Array:
-    return np.swapaxes(matrix, -1, -2)

@@ -27,7 +27,7 @@ Journal of Educational Psychology 75, 76–81 (weighted Bonferroni).
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import erfc, exp, pi, sqrt
@@ -224,6 +224,13 @@ class Candidate:
             largest=None if self.largest is None else self.largest[acting],
             stated_sds=None if self.stated_sds is None else self.stated_sds[acting],
         )
+
+
+def with_rows(candidates: Sequence[Candidate], rows: Array) -> list[Candidate]:
+    """Return the candidates with the columns of `rows`, in their order, instead of their own."""
+    ends = np.cumsum([len(one.components) for one in candidates])
+    parts = np.split(rows, ends[:-1], axis=-1)
+    return [replace(one, rows=part) for one, part in zip(candidates, parts, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,9 +4,10 @@ If a problem computes normal equations directly, its trials are solved from thes
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -114,12 +115,10 @@ class _Stage:
     ) -> Estimate:
         """Return the estimate from a search that starts at other trials' mean, if it succeeds."""
         if self._start is not None:
-            try:
+            with suppress(InputError):  # if the model cannot be evaluated there in some trial
                 solved = _solve_block(replace(problem, start=self._start), part, structure)
-            except InputError:  # the model cannot be evaluated there in some trial
-                solved = None
-            if solved is not None and solved.converged.all():
-                return solved
+                if solved.converged.all():
+                    return solved
         return _solve_block(problem, part, structure)
 
 
@@ -165,11 +164,8 @@ def _copy_results(solved: Estimate, whole: Estimate, part: slice) -> None:
 
 def _with_room(solved: Estimate, trials: int) -> Estimate:
     """Return the estimate with arrays large enough for the results of all trials."""
-    arrays: dict[str, Any] = {}
-    for name in OF_TRIALS:
-        own = getattr(solved, name)
-        arrays[name] = np.empty((trials, *own.shape[1:]), own.dtype)
-    return replace(solved, **arrays)
+    own = {name: getattr(solved, name) for name in OF_TRIALS}
+    return replace(solved, **{n: np.empty((trials, *a.shape[1:]), a.dtype) for n, a in own.items()})
 
 
 def _blocks(trials: int, one: whitened_problem.WhitenedProblem) -> list[slice]:
@@ -217,7 +213,7 @@ class PackedTrials:
     def __init__(self, problem: Problem, trials: int):
         assert problem.normal_equations is not None
         self.problem, self.trials, self._of = problem, trials, problem.normal_equations
-        self.reweighted = callable(problem.noise)
+        self.reweighted: bool = callable(problem.noise)
         self.basis, start = whitened_problem.gauge_basis(problem)
         self._prior_full, self._prior_rows, targets = whitened_problem.prior_equations(
             problem, self.basis
@@ -231,12 +227,6 @@ class PackedTrials:
         positive = np.isfinite(self.first.weight).all(axis=0)
         if not positive.all():
             raise whitened_problem.noise_error(problem, int(np.flatnonzero(~positive)[0]))
-
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom of χ²."""
-        fixed = 0 if self.basis is None else self.basis.shape[0] - self.basis.shape[1]
-        return self.m + len(self._prior_rows) + fixed - len(self.problem.names)
 
     def _point(self, x: Array, which: Indices) -> PackedPoint:
         """Return the point for the trials with these indices, at their own x."""
@@ -291,7 +281,7 @@ class PackedTrials:
             value=point.x,
             covariance=covariance,
             chi2=self.cost(point),
-            dof=self.dof,
+            dof=self.m + len(self._prior_rows) - self._prior_rows.shape[1],
             residual=point.residual,
             whitened=point.whitened,
             observations=self.problem.observations,

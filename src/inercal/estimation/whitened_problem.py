@@ -132,7 +132,7 @@ class WhitenedProblem:
         self.single = lead == ()
         self.trials = 1 if self.single else lead[0]
         self.m = residual.shape[-1]
-        self.dof = self.m + len(self.prior_rows) + (p - self.free) - p
+        self.dof = self.m + len(self.prior_rows) - self.free
         if problem.observations and len(problem.observations) != self.m:
             raise InputError(
                 f"{len(problem.observations)} labels for {self.m} observations; give one for each",

@@ -12,7 +12,7 @@ linear in time over the run.
 """
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -271,8 +271,8 @@ def _bench_column(name: str, parameter: Parameter, rows: Array) -> Column:
 
 def common_error_candidates(
     declared: Mapping[str, Parameter], column: Columns, names: Sequence[str]
-) -> list[Candidate]:
-    """Return candidates that treat errors stated for single rows as common to all rows.
+) -> Iterator[Candidate]:
+    """Yield candidates that treat errors stated for single rows as common to all rows.
 
     Independent errors average out over the rows, but a common error does not.
 
@@ -283,7 +283,6 @@ def common_error_candidates(
     names : sequence of str
         Names of the vectors: "lean" has the components "lean_1[row]" and "lean_2[row]".
     """
-    result: list[Candidate] = []
     for name in names:
         sums: dict[str, list[str]] = {}
         for full in declared:
@@ -298,8 +297,7 @@ def common_error_candidates(
             )
             for component, rows in sums.items()
         ]
-        result.append(candidate(name, "bench", columns))
-    return result
+        yield candidate(name, "bench", columns)
 
 
 def prior_column(sensor: Sensor, full: str, sd: float, rows: Array) -> Column:
@@ -367,27 +365,24 @@ def _row_labels(observations: Sequence[str], sensor: Sensor) -> list[str]:
 
 def row_candidates(
     observations: Sequence[str], sensor: Sensor, further_units: dict[str, str]
-) -> list[Candidate]:
-    """Return one candidate per row, for arbitrary errors in the readings of that row."""
-    channels = {axis.name: QUANTITIES[axis.measures].unit for axis in sensor.axes}
-    channels |= further_units
+) -> Iterator[Candidate]:
+    """Yield one candidate per row, for arbitrary errors in the readings of that row."""
+    channels = {axis.name: QUANTITIES[axis.measures].unit for axis in sensor.axes} | further_units
     rows: dict[str, list[int]] = {}
     for k, label in enumerate(observations):
         rows.setdefault(_row_label(label, channels), []).append(k)
-    result: list[Candidate] = []
     for row, places in rows.items():
         columns = np.zeros((len(observations), len(places)))
         columns[places, range(len(places))] = 1.0
         names = tuple(observations[k] for k in places)
         units = tuple(channels.get(ObservationName(name).channel, "m/s²") for name in names)
-        result.append(Candidate(row, "row", names, units, columns))
-    return result
+        yield Candidate(row, "row", names, units, columns)
 
 
 def drift_candidates(
     observations: Sequence[str], sensor: Sensor, time: Array, column: Columns
-) -> list[Candidate]:
-    """Return candidates for a drift of the biases, linear in time from the first row to the last.
+) -> Iterator[Candidate]:
+    """Yield candidates for a drift of the biases, linear in time from the first row to the last.
 
     The axes of one kind are tested together and then one by one. An axis's column is its bias
     column multiplied by the time of its rows. If all rows have the same time, there are no
@@ -397,18 +392,16 @@ def drift_candidates(
     rows = _row_labels(observations, sensor)
     labels = list(dict.fromkeys(rows))
     if not (span > 0).all() or len(labels) != time.shape[-1] or len(labels) < 3:
-        return []
+        return
     at = [labels.index(row) for row in rows]
     ramp = ((time - time.mean(axis=-1, keepdims=True)) / span)[..., at]
-    result: list[Candidate] = []
     for kind, quantity in QUANTITIES.items():
         own: list[Column] = []
         for channel in (name for name, one in sensor.measures.items() if one == kind):
             bias = column.get(f"{channel}.{quantity.bias}")
             if bias is not None and _affects_observations(bias * ramp):
                 own.append(Column(f"drift of {channel}", quantity.unit, bias * ramp))
-        result += together_and_alone("time", [(f"drift of {quantity.sensors}", own)])
-    return result
+        yield from together_and_alone("time", [(f"drift of {quantity.sensors}", own)])
 
 
 def _row_label(label: str, channels: Mapping[str, str]) -> str:

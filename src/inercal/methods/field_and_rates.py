@@ -30,7 +30,8 @@ from inercal.benches import Hand
 from inercal.estimation import Estimate
 from inercal.estimation.residual_scatter import LEAST_RATIO
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
-from inercal.methods.magnetic_field import Directions, FieldConditions, FieldNodes, Links, fit_field
+from inercal.methods.magnetic_field.fitting import fit_field
+from inercal.methods.magnetic_field.records import Directions, FieldConditions, FieldNodes, Links
 from inercal.methods.magnetic_field.stage import (
     DELAY_SD,
     STATED_NOISE,
@@ -185,7 +186,7 @@ def _links(
     between = between_nodes(parts, gyros, c, white * np.eye(3), ends, dT=dT)
     # Nodes beyond the ends of the track have the same sample.
     least = white * np.diff(time) * np.diff(track.time).min()
-    return between, np.maximum(np.trace(between.noise, axis1=1, axis2=2) / 3, least)
+    return between, np.maximum(np.linalg.trace(between.noise) / 3, least)
 
 
 METHOD = Method(

@@ -148,7 +148,7 @@ def _moments(
         flat[..., np.arange(t * m * 2), place[..., k].ravel()] += eta[..., k].reshape(*lead, -1)
     tau = index.ravel()
     eta_tau = (flat @ spread[..., tau]).reshape(*lead, t, m, 2, t, 2)
-    eta_eta = (flat @ spread @ np.swapaxes(flat, -1, -2)).reshape(*lead, t, m, 2, t, m, 2)
+    eta_eta = (flat @ spread @ flat.mT).reshape(*lead, t, m, 2, t, m, 2)
     tau_tau = spread[..., tau, :][..., tau].reshape(*lead, t, 2, t, 2)
     shift = np.zeros((*lead, r, m))
     shift[..., rows, :] = np.einsum("...rakrk->...ra", eta_tau)
@@ -301,7 +301,7 @@ def _reading_noise(observations: Observations) -> ReadingNoise:
     Whitening is faster with standard deviations.
     """
     blocks = observations.covariance
-    variance = np.diagonal(blocks, axis1=-2, axis2=-1)
+    variance = np.linalg.diagonal(blocks)
     independent = observations.between_rows is None and observations.common is None
     if independent and np.count_nonzero(blocks) == np.count_nonzero(variance):
         deviations = np.sqrt(variance).reshape(*variance.shape[:-2], -1)

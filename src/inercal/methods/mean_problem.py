@@ -15,7 +15,7 @@ from inercal.basics.arrays import Array, Bools, Indices, row_products
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches import MeanBench, MeanMotion
-from inercal.estimation import Candidate, Estimate, Gauge, Gaussian, Problem
+from inercal.estimation import Candidate, Estimate, Gaussian, Problem
 from inercal.estimation.problem import Linearise, NormalEquationsOf
 from inercal.methods import Priors, candidates, solving, temperature
 from inercal.methods.residuals import VectorEquations, vector_residuals
@@ -191,7 +191,6 @@ def problem_of_readings(
     *,
     reading_columns: Mapping[str, Array] | None = None,
     dwell_covariance: Callable[[Array, MeanMotion], Array] | None = None,
-    gauges: tuple[Gauge, ...] = (),
     with_drift_candidate: bool = False,
     families: Mapping[str, Sequence[str]] | None = None,
     common_errors: Sequence[str] = (),
@@ -218,7 +217,6 @@ def problem_of_readings(
         Direct effect of a unit of each parameter on the readings, row after row.
     dwell_covariance : callable, optional
         Maps coefficients and sensed motion to a covariance that is added to that of the means.
-    gauges : tuple of Gauge
     with_drift_candidate : bool
         Whether a linear drift of the biases over the rows' times is a candidate for score tests.
     families : mapping of str to sequence of str, optional
@@ -252,7 +250,6 @@ def problem_of_readings(
     built = build(Unknowns(sensor, declared, forces), priors)
     return replace(
         built,
-        gauges=gauges,
         candidates=candidates.candidate_function(
             larger,
             built.names,
@@ -311,7 +308,7 @@ def _compare_vectors(
     if stated_noise is None and dwell_covariance is not None:
         own = noise(unknowns.start)
     read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
-    relative_size = np.max(read / np.sqrt(np.diagonal(own, axis1=-2, axis2=-1)), axis=-1)
+    relative_size = np.max(read / np.sqrt(np.linalg.diagonal(own)), axis=-1)
 
     def stated_motion(x: Array, which: Indices) -> MeanMotion:
         own = offsets[which] if offsets.ndim == 2 and len(offsets) > 1 else offsets

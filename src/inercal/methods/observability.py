@@ -80,7 +80,7 @@ def require_observed(estimate: Estimate, sensor: Sensor, missing: HandSteps) -> 
     p, limit = len(sensor.coefficients), OBSERVABILITY_LIMIT**2
     covariance = estimate.covariance.reshape(-1, *estimate.covariance.shape[-2:])[:, :p, :p]
     # No variance exceeds the trace, so eigenvalues are computed for few trials, if any.
-    trace = np.diagonal(covariance, axis1=-2, axis2=-1) @ sensor.unit_scale**-2.0
+    trace = np.linalg.diagonal(covariance) @ sensor.unit_scale**-2.0
     suspects = covariance[trace > limit] / np.outer(sensor.unit_scale, sensor.unit_scale)
     if not len(suspects):
         return

@@ -82,9 +82,7 @@ def with_problem_tests(found: Estimate, by_problem: Estimate) -> Estimate:
     return replace(
         found,
         tests=(agreement, *by_problem.tests),
-        scoring=by_problem.scoring.then(
-            lambda score_tests: score_tests.with_shifts(lambda shift: shift[:p])
-        ),
+        scoring=by_problem.scoring.then(lambda one: one.with_shifts(lambda shift: shift[:p])),
         rows=by_problem.rows,
         notes=(*found.notes, *by_problem.notes),
     )
@@ -119,9 +117,7 @@ def with_tests(estimate: Estimate, whole: Problem, stated: Problem | None = None
     return replace(
         estimate,
         tests=(*estimate.tests, *tests, formula),
-        scoring=best.scoring.then(
-            lambda score_tests: score_tests.with_shifts(lambda shift: shift[at])
-        ),
+        scoring=best.scoring.then(lambda one: one.with_shifts(lambda shift: shift[at])),
         rows=best.rows,
     )
 

@@ -177,9 +177,7 @@ def consistency(
         return residuals(here, a)[0], residuals(here, here.inverse.correct(f))[1]
 
     map_to = comparison_map(nearest, a, at_level, at_groups)
-    spread = (
-        map_to @ row_covariance(some, bench, here, nearest.matrix) @ np.swapaxes(map_to, -1, -2)
-    )
+    spread = map_to @ row_covariance(some, bench, here, nearest.matrix) @ map_to.mT
     whitener = _whitener(spread)
     theta = np.array(nearest.theta)
     theta, u, residual = _generalised_least_squares(theta, at, whitener)
@@ -229,12 +227,12 @@ def _generalised_least_squares(
     count = int((s.reshape(-1, s.shape[-1])[0] > 1 / OBSERVABILITY_LIMIT).sum())
     for _ in range(_ITERATIONS):
         u, s, vt = _largest_singular_vectors(whitener @ slope, count)
-        pull = np.swapaxes(u, -1, -2) @ (whitener @ residual[..., None])
-        theta = theta + (np.swapaxes(vt, -1, -2) @ (pull / s[..., None]))[..., 0]
+        pull = u.mT @ (whitener @ residual[..., None])
+        theta = theta + (vt.mT @ (pull / s[..., None]))[..., 0]
         residual, slope = at(theta)
     u, _, _ = _largest_singular_vectors(whitener @ slope, count)
     left = whitener @ residual[..., None]
-    left = left - u @ (np.swapaxes(u, -1, -2) @ left)
+    left = left - u @ (u.mT @ left)
     return theta, u, left[..., 0]
 
 
@@ -263,7 +261,7 @@ def _whitener(spread: Array) -> Array:
     """Return the symmetric W that mixes the rows least, with W S W = I, (..., m, m)."""
     variance, directions = np.linalg.eigh(spread)
     variance = np.maximum(variance, _VARIANCE_FLOOR * variance[..., -1:])
-    return (directions / np.sqrt(variance)[..., None, :]) @ np.swapaxes(directions, -1, -2)
+    return (directions / np.sqrt(variance)[..., None, :]) @ directions.mT
 
 
 def _rotated_to_nearest(model: AffineModel, a: Array, f: Array) -> AffineModel:

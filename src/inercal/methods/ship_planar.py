@@ -116,7 +116,7 @@ def fit_level_states(a: Array, f: Array) -> LevelStates:
     """
     rows = np.concatenate([a, np.ones((*a.shape[:-1], 1))], axis=-1)
     back = np.asarray(np.linalg.pinv(rows), dtype=float)
-    solved = np.swapaxes(back @ f, -1, -2)  # (..., 3, 4)
+    solved = (back @ f).mT  # (..., 3, 4)
     model = AffineModel(solved[..., :3], solved[..., 3])
     r, lead = len(f), a.shape[:-2]
     gain = np.zeros((*lead, 12, r, 3))
@@ -192,7 +192,7 @@ def affine_estimate(
         The same as for `Estimate`.
     """
     value, slope = to_coefficients(sensor, model)
-    whole = slope @ covariance @ np.swapaxes(slope, -1, -2)
+    whole = slope @ covariance @ slope.mT
     trials, sd = value.shape[:-1], np.sqrt(variance)
     first = whole.reshape(-1, 12, 12)[0] / np.outer(sensor.unit_scale, sensor.unit_scale)
     known = np.maximum(np.linalg.eigvalsh(first), np.finfo(float).tiny)
@@ -256,9 +256,8 @@ def planar(
     a = observations.mean[..., rows, :] / G0
     model, gain = fit_level_states(a, f)
     at = np.array([3 * k + axis for k in rows for axis in range(3)])
-    spread = ship_consistency.row_covariance(observations, bench, steps, model.matrix)[..., at, :][
-        ..., at
-    ]
+    spread = ship_consistency.row_covariance(observations, bench, steps, model.matrix)
+    spread = spread[..., at, :][..., at]
     whole = np.zeros((*gain.shape[:-1], 3 * len(steps)))
     whole[..., at] = gain
     agreement = ship_consistency.consistency(observations, sensor, bench, steps, model, whole, rows)
@@ -266,9 +265,9 @@ def planar(
     estimate = affine_estimate(
         sensor,
         model,
-        gain @ spread @ np.swapaxes(gain, -1, -2),
+        gain @ spread @ gain.mT,
         (f - model.correct(a)).reshape(*a.shape[:-2], -1),
-        np.diagonal(spread, axis1=-2, axis2=-1),
+        np.linalg.diagonal(spread),
         tuple(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
         agreement,
         notes=(

@@ -267,7 +267,7 @@ def _checked_angles(observations: Observations, sensor: Sensor, steps: Indexings
             key="[method]",
         )
     solving.require_matching_rows(observations, sensor, steps)
-    variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
+    variance = np.linalg.diagonal(observations.covariance)
     positive = (variance > 0).all(axis=-1).reshape(-1, len(observations.labels)).all(axis=0)
     if not positive.all():
         label = observations.labels[int(np.argmin(positive))]

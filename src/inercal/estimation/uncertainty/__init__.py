@@ -62,14 +62,14 @@ def propagate(
         Covariance of f(x), to first order.
     """
     value, j = value_and_jacobian(function, x, covariance)
-    return value, j @ covariance @ np.swapaxes(j, -1, -2)
+    return value, j @ covariance @ j.mT
 
 
 def value_and_jacobian(
     function: Callable[[Array], Array], x: Array, covariance: Array
 ) -> tuple[Array, Array]:
     """Return y = f(x), (..., q), and ∂f/∂x over the range of x, (..., q, p); see `propagate`."""
-    sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    sd = np.sqrt(np.linalg.diagonal(covariance))
     return function(x), jacobian(function, x, 0.1 * sd)
 
 
@@ -216,7 +216,7 @@ def pooled_mean_covariances(
         length = edges[1:] - edges[:-1]
         means = np.add.reduceat(section, edges[:-1], axis=-2) / length[:, None]
         off = (means - np.mean(section, axis=-2, keepdims=True)) * np.sqrt(length)[:, None]
-        total = total + np.swapaxes(off, -1, -2) @ off
+        total = total + off.mT @ off
         dof += number - 1
     if dof < max(m, 1):
         raise InputError(

@@ -32,6 +32,7 @@ from inercal.estimation.uncertainty import COVERAGE_PROBABILITY
 
 _PRECISION = 1e-9  # relative tolerance for σ²
 _STEPS = 200
+_TAIL = (1 - COVERAGE_PROBABILITY) / 2
 _LEAST = 1e-200  # variance used for a value without uncertainty
 
 
@@ -130,12 +131,11 @@ def _component(value: Array, std: Array, lots: Indices, count: int, dof: int) ->
         return float(each.sum()), -float(weight @ each)
 
     spread = float(np.var(value))
-    tail = (1 - COVERAGE_PROBABILITY) / 2
     least = 0.0 if np.all(variance > 0) else _PRECISION * spread
     begin = max(spread - float(variance.mean()), least)
     roots = [
         0.0 if spread == 0 else _root(squares, size, least, begin)
-        for size in (float(dof), *(float(scipy.special.chdtri(dof, p)) for p in (tail, 1 - tail)))
+        for size in (float(dof), *(float(scipy.special.chdtri(dof, p)) for p in (_TAIL, 1 - _TAIL)))
     ]
     sd, low, high = (root**0.5 for root in roots)
     return Component(sd, low, high, dof)
@@ -181,9 +181,8 @@ def scatter_limits(variance: float, variance_of_it: float, dof: int) -> Componen
     """
     total = max(sqrt(variance_of_it * dof / 2), variance)
     noise = total - variance
-    tail = (1 - COVERAGE_PROBABILITY) / 2
     low, high = (
         max(total * dof / float(scipy.special.chdtri(dof, p)) - noise, 0.0)
-        for p in (tail, 1 - tail)
+        for p in (_TAIL, 1 - _TAIL)
     )
     return Component(sqrt(variance), sqrt(low), sqrt(high), dof)

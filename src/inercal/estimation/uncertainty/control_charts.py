@@ -367,8 +367,8 @@ def chart_values(
     lasting : "EWMA" or "CUSUM"
     """
     n, p = difference.shape
-    of_point = np.diagonal(point, axis1=1, axis2=2)
-    of_reference = np.diagonal(reference, axis1=1, axis2=2)
+    of_point = np.linalg.diagonal(point)
+    of_reference = np.linalg.diagonal(reference)
     solved = np.linalg.solve(point + reference, difference[:, :, None])[:, :, 0]
     ewma, mewma = np.zeros((n, p)), np.zeros(n)
     single, joint = np.zeros(p), np.zeros(p)

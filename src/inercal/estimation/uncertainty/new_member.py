@@ -215,7 +215,7 @@ def scatter_correlation(values: Array, own: Array, scatter: Array) -> tuple[Arra
     """
     n, p = values.shape
     correlation, mean_covariance = np.eye(p), np.zeros((p, p))
-    unit = np.sqrt(np.diagonal(own, axis1=1, axis2=2).mean(axis=0) + scatter**2)
+    unit = np.sqrt(np.linalg.diagonal(own).mean(axis=0) + scatter**2)
     known, square = own / np.outer(unit, unit), np.diag((scatter / unit) ** 2)
     y, seen = (values - values.mean(axis=0)) / unit, np.flatnonzero(scatter)
     t, prior = square.copy(), len(seen) + 1

@@ -143,7 +143,7 @@ def coefficients(
         rows, target = rows * (G0 / norm)[:, None], target * (G0 / norm)
     size = np.linalg.norm(rows, axis=-2, keepdims=True)
     q, r = np.linalg.qr(rows / size)
-    right = np.swapaxes(q, -1, -2) @ target[:, None]
+    right = q.mT @ target[:, None]
     c = np.linalg.solve(r, right)[..., 0] / size[..., 0, :]
     scale, bias, bend = invert(*(c[..., k : k + 3] for k in (1, 4, 7, 10)))
     return _in_order(sensor, np.stack([bias * G0, scale - 1, scale * bend / G0], axis=-2))

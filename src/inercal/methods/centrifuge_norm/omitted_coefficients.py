@@ -41,19 +41,13 @@ class OmittedCoefficients:
         Names as in [method] also; empty if no coefficient explains the scatter.
     sensor : Sensor
         The sensor with these coefficients added.
-    before, after : float
-        Scatter of most rows divided by the stated scatter, without and with the coefficients.
-    outlier_counts : tuple of two int
-        Number of outlier rows, without and with the coefficients.
-    agreement : Agreement
-        Agreement between the rows, with the coefficients.
+    before, agreement : Agreement
+        Agreement between the rows, without and with the coefficients.
     """
 
     words: tuple[str, ...]
     sensor: Sensor
-    before: float
-    after: float
-    outlier_counts: tuple[int, int]
+    before: Agreement
     agreement: Agreement
 
     @property
@@ -67,10 +61,11 @@ class OmittedCoefficients:
 
     def describe(self) -> str:
         """Return a sentence that describes what the coefficients explain."""
+        before, after = self.before, self.agreement
         return (
             f"{', '.join(self.words)} explains the residuals: without it most rows scatter "
-            f"{self.before:.3g} times as much as stated and {self.outlier_counts[0]} rows are "
-            f"outliers; with it {self.after:.3g} times and {self.outlier_counts[1]}"
+            f"{before.noise:.3g} times as much as stated and {before.outlier_rows.size} rows are "
+            f"outliers; with it {after.noise:.3g} times and {after.outlier_rows.size}"
         )
 
 
@@ -87,9 +82,8 @@ def find_omitted_coefficients(
     here = before = row_agreement(norm_problem(observations, sensor, bench, steps, priors))
     words: tuple[str, ...] = ()
     while len(words) < _MAX_OMITTED and (here.noise > _EXPECTED_SCATTER or here.outlier_rows.size):
-        for word in _ranked_groups(observations, sensor, bench, steps, priors, here)[
-            :_TRIED_PER_STEP
-        ]:
+        ranked = _ranked_groups(observations, sensor, bench, steps, priors, here)
+        for word in ranked[:_TRIED_PER_STEP]:
             larger = _with_coefficients(sensor, word)
             try:
                 there = row_agreement(norm_problem(observations, larger, bench, steps, priors))
@@ -100,8 +94,7 @@ def find_omitted_coefficients(
                 break
         else:
             break
-    outlying = (before.outlier_rows.size, here.outlier_rows.size)
-    return OmittedCoefficients(words, sensor, before.noise, here.noise, outlying, here)
+    return OmittedCoefficients(words, sensor, before, here)
 
 
 def _explains_scatter(before: Agreement, after: Agreement) -> bool:

@@ -257,7 +257,7 @@ def _ungauged_norm_problem(
             full = full + np.einsum("...ia,ija,...ja->...ij", along, between, along)
         if observations.common is not None:
             effect = np.einsum("...ia,...iak->...ik", along, observations.common)
-            full = full + effect @ np.swapaxes(effect, -1, -2)
+            full = full + effect @ effect.mT
         return full
 
     y, covariance, table = observations.mean, observations.covariance, term_table(sensor)
@@ -338,7 +338,6 @@ def vector_problem(
         lambda q: sensed_motion(bench, steps, q),
         priors,
         dwell_covariance=dwells if own else None,
-        gauges=rotation_gauge.gauges(sensor),
         with_drift_candidate=True,
         families=_nonorthogonality_family(sensor)
         | {"misalignment": sensor.with_coefficients("misalignment").coefficients},
@@ -349,7 +348,7 @@ def vector_problem(
     def all_candidates(x: Array) -> list[Candidate]:
         return [*_with_reversed_sense(listed(x), bench)]
 
-    return replace(built, candidates=all_candidates)
+    return replace(built, gauges=rotation_gauge.gauges(sensor), candidates=all_candidates)
 
 
 def _cache_last_result(work: Callable[..., _Result]) -> Callable[..., _Result]:

@@ -246,7 +246,7 @@ def _with_independent_rows(problem: Problem) -> Problem:
     assert callable(stated)
 
     def noise(x: Array) -> Array:
-        return np.sqrt(np.diagonal(stated(x), axis1=-2, axis2=-1))
+        return np.sqrt(np.linalg.diagonal(stated(x)))
 
     return replace(problem, noise=noise, correlated=False) if problem.correlated else problem
 

@@ -28,6 +28,7 @@ Sources: CN101852817A (Harbin Institute of Technology, 2010) for `patent` and `d
 from the physics; IEEE Std 1293 for the tumble test; `joint` is our own.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -96,14 +97,13 @@ def well_determined_sums(estimate: Estimate, g: float) -> tuple[CoefficientSum, 
     return tuple(sums)
 
 
-def notes(estimate: Estimate, bench: DividingHead, priors: Priors) -> tuple[str, ...]:
-    """Return the notes on the well-determined sums of one recording; none for many trials."""
+def notes(estimate: Estimate, bench: DividingHead, priors: Priors) -> Iterator[str]:
+    """Yield the notes on the well-determined sums of one recording; none for many trials."""
     if estimate.value.ndim != 1:
-        return ()
+        return
     sums = well_determined_sums(estimate, bench.gravity.value)
     k = COVERAGE * float(estimate.birge)
     gains = [one for one in sums if one.terms != MOUNTING_ANGLES[::-1]]
-    result: list[str] = []
     if gains:
         known = {name for prior in priors for name in prior.names}
         why = "The prior of K3 separates them."
@@ -113,18 +113,16 @@ def notes(estimate: Estimate, bench: DividingHead, priors: Priors) -> tuple[str,
             f"{CoefficientName(one.terms[0]).axis} {format_quantity(one.value, k * one.sd, 'ppm')}"
             for one in gains
         )
-        result.append(
+        yield (
             f"k1 + K3 g² is known better than k1 or K3: {values} (k = 2). {why} To improve both, "
             "provide K3 from a centrifuge, or read a polygon face at every position."
         )
-    result += [
-        f"The angle between the accelerometers, δ_b − δ_a, is "
-        f"{format_quantity(one.value, k * one.sd, '″')} (k = 2). Their common angle cannot be "
-        "known better than the zero of the head."
-        for one in sums
-        if one not in gains
-    ]
-    return tuple(result)
+    for one in (one for one in sums if one not in gains):
+        yield (
+            f"The angle between the accelerometers, δ_b − δ_a, is "
+            f"{format_quantity(one.value, k * one.sd, '″')} (k = 2). Their common angle cannot be "
+            "known better than the zero of the head."
+        )
 
 
 def joint(
@@ -293,12 +291,12 @@ def single(
     rows = rows.reshape(-1, *rows.shape[-2:])[0]
     assert not callable(requested.noise)
     weighted = np.asarray(np.linalg.solve(requested.noise, rows), dtype=float)
-    gain = alone.covariance @ np.swapaxes(weighted, -1, -2)
+    gain = alone.covariance @ weighted.mT
     bench_alone = bench_covariance(sensor, bench, steps)
     columns = reading_sensitivities(sensor, bench, steps)
     estimate = replace(
         alone,
-        covariance=alone.covariance + gain @ bench_alone @ np.swapaxes(gain, -1, -2),
+        covariance=alone.covariance + gain @ bench_alone @ gain.mT,
         # The residuals contain both head errors and noise, so they cannot test either of them.
         chi2=np.zeros(alone.value.shape[:-1]),
         dof=0,

@@ -61,10 +61,8 @@ def null_vectors(sensor: Sensor, g: float) -> tuple[tuple[str, Array], ...]:
     result: list[tuple[str, Array]] = []
     for words, weights in NULL_DIRECTIONS:
         if set(weights) <= set(sensor.coefficients):
-            row = np.zeros(len(sensor.coefficients))
-            for name, weight in weights.items():
-                row[sensor.coefficients.index(name)] = weight * size[CoefficientName(name).term]
-            result.append((words, row))
+            row = {name: w * size[CoefficientName(name).term] for name, w in weights.items()}
+            result.append((words, np.array([row.get(name, 0.0) for name in sensor.coefficients])))
     return tuple(result)
 
 
@@ -102,9 +100,7 @@ def compare_with_gravity(sensor: Sensor, y: Array, c: Array, g: float) -> Square
     length = np.linalg.norm(f, axis=-1)
     up = f[..., :2] / length[..., None]
     # From h(f̂; c) = y it follows that ∂f̂/∂y = S⁻¹ and ∂f̂/∂c = −S⁻¹ ∂h/∂c.
-    to_reading = np.asarray(
-        np.linalg.solve(np.swapaxes(slope[..., :2], -1, -2), up[..., None])[..., 0], dtype=float
-    )
+    to_reading = np.asarray(np.linalg.solve(slope[..., :2].mT, up[..., None])[..., 0], dtype=float)
     return SquaredComparison(
         g - length, -(to_reading[..., None, :] @ result)[..., 0, :], to_reading, f
     )
@@ -174,7 +170,7 @@ def g_squared_problem(
         gauges=gauges(sensor),
         observations=observations.labels,
         known_nulls=null_vectors(sensor, g),
-        rounding=g / float(np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1).min())) * ROUNDING,
+        rounding=g / float(np.sqrt(np.linalg.diagonal(noise).min())) * ROUNDING,
         candidates=suspects,
     )
 
@@ -187,7 +183,7 @@ def with_gravity_sensitivity(problem: Problem, estimate: Estimate) -> Estimate:
     _, jacobian = problem.linearise(estimate.value)
     assert not callable(problem.noise)
     one = np.ones((*estimate.value.shape[:-1], jacobian.shape[-2], 1))
-    pull = np.swapaxes(jacobian, -1, -2) @ np.linalg.solve(problem.noise, one)
+    pull = jacobian.mT @ np.linalg.solve(problem.noise, one)
     return replace(estimate, sensitivities={"g": (estimate.covariance @ pull)[..., 0]})
 
 
@@ -236,16 +232,16 @@ def require_determined(
         np.arange(r, dtype=float),
         sensor.channels,
     )
+    solve_with_advice(g_squared_problem(exact, sensor, bench, steps, centred_priors(priors)))
+
+
+def solve_with_advice(problem: Problem) -> Estimate:
+    """Solve a problem; its NotObserved gets advice on the priors that would help."""
     try:
-        least_squares(g_squared_problem(exact, sensor, bench, steps, centred_priors(priors)))
+        return least_squares(problem)
     except NotObserved as error:
-        raise with_prior_advice(error) from None
-
-
-def with_prior_advice(error: NotObserved) -> NotObserved:
-    """Return the error with advice on the priors that would help."""
-    advice = "give priors of kip (single tests) and k3 (a centrifuge), or use estimator joint"
-    return NotObserved(f"{error}; {advice}", error.directions, names=error.names)
+        advice = "give priors of kip (single tests) and k3 (a centrifuge), or use estimator joint"
+        raise NotObserved(f"{error}; {advice}", error.directions, names=error.names) from None
 
 
 def centred_priors(priors: Priors) -> tuple[Gaussian, ...]:

@@ -166,10 +166,7 @@ def two_stage_estimate(
     ideal = _second_stage_problem(
         at_nominal, sensor, bench, maps, up, np.zeros(4), g_squared.centred_priors(priors)
     )
-    try:
-        structure = least_squares(ideal)
-    except NotObserved as error:
-        raise g_squared.with_prior_advice(error) from None
+    structure = g_squared.solve_with_advice(ideal)
     seen_there = observations.rows(others)
     fixed = held(observations.mean)
     requested = _second_stage_problem(seen_there, sensor, bench, maps, up, fixed, tuple(priors))
@@ -228,7 +225,7 @@ def _residuals_at_all_positions(
     residual = g_squared.compare_with_gravity(sensor, observations.mean, value, g).residual
     up = nominal / np.linalg.norm(nominal, axis=-1, keepdims=True)
     noise = g_squared.covariance_along(up, observations.full_covariance)
-    return residual, residual / np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1))
+    return residual, residual / np.sqrt(np.linalg.diagonal(noise))
 
 
 def _two_stage_covariance(
@@ -268,11 +265,12 @@ def _two_stage_covariance(
         np.linalg.solve(noise, seen.jacobian @ maps.from_second_stage), dtype=float
     )
     stated = maps.from_second_stage @ inside
-    gain = maps.from_four_points @ to_held + stated @ np.swapaxes(weighted, -1, -2) @ moved
+    gain = maps.from_four_points @ to_held + stated @ weighted.mT @ moved
     size = len(maps.names)
-    known = sum((_prior_information(prior, maps.names) for prior in priors), np.zeros((size, size)))
-    own = stated @ known @ np.swapaxes(stated, -1, -2)
-    return gain @ readings @ np.swapaxes(gain, -1, -2) + own, gain
+    whites = [prior.rows(maps.names)[0] for prior in priors]
+    known = sum((white.T @ white for white in whites), np.zeros((size, size)))
+    own = stated @ known @ stated.mT
+    return gain @ readings @ gain.mT + own, gain
 
 
 def _coefficient_maps(sensor: Sensor, g: float) -> _CoefficientMaps:
@@ -317,7 +315,7 @@ def _second_stage_problem(
         )
         return seen.residual, seen.jacobian @ maps.from_second_stage
 
-    smallest = float(np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1).min()))
+    smallest = float(np.sqrt(np.linalg.diagonal(noise).min()))
     return Problem(
         names=maps.names,
         start=np.zeros((*noise.shape[:-2], len(maps.names))),  # each trial may have its noise
@@ -356,8 +354,3 @@ def _require_enough(sensor: Sensor, steps: Indexings, others: list[int]) -> None
             "apart, or use estimator joint",
             key="steps",
         )
-
-
-def _prior_information(prior: Gaussian, names: tuple[str, ...]) -> Array:
-    white, _ = prior.rows(names)
-    return white.T @ white

@@ -6,25 +6,3 @@ magnetometer in the frame of the accelerometers, and the dip of the field. This 
 arrays: see `records` for the input, `rows` for the equations, `fitting` for the result and
 `disturbances` for the tests of the field.
 """
-
-from inercal.methods.magnetic_field.disturbances import field_tests
-from inercal.methods.magnetic_field.fitting import FieldFit, fit_field, inhomogeneity_interval
-from inercal.methods.magnetic_field.records import (
-    Directions,
-    FieldConditions,
-    FieldNodes,
-    LinearModel,
-    Links,
-)
-
-__all__ = [
-    "Directions",
-    "FieldConditions",
-    "FieldFit",
-    "FieldNodes",
-    "LinearModel",
-    "Links",
-    "field_tests",
-    "fit_field",
-    "inhomogeneity_interval",
-]

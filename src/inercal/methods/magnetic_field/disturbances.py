@@ -16,7 +16,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.candidate_scores import rows_from_products, score_tests
-from inercal.estimation.scores import Candidate, CandidateKind, ScoreTestSet
+from inercal.estimation.scores import Candidate, CandidateKind, ScoreTestSet, with_rows
 from inercal.methods.magnetic_field.fitting import FieldFit
 from inercal.methods.magnetic_field.rows import Solution
 
@@ -31,25 +31,21 @@ def field_tests(fit: FieldFit) -> ScoreTestSet:
     edges = np.unique(np.linspace(0, n, min(n, _MOST_STRETCHES) + 1).round().astype(np.int64))
     columns = _columns(one, edges)
     flat = columns.reshape(3 * n, -1)
-    by_turn = (one.rows.reading_turn.mT @ columns).reshape(3 * n, -1)
-    free = one.rows.reading_jacobian.reshape(3 * n, -1)[:, one.problem.free]
+    by_turn = (one.rows.reading.turn.mT @ columns).reshape(3 * n, -1)
+    free = one.rows.reading.jacobian.reshape(3 * n, -1)[:, one.problem.free]
     known = free.T @ flat - one.elimination.solved.T @ by_turn
     own = flat.T @ flat - by_turn.T @ one.elimination.solve_turns(by_turn)
     gram = np.block([[one.elimination.information, known], [known.T, (own + own.T) / 2]])
     f = len(known)
-    product = np.concatenate([np.zeros(f), flat.T @ one.rows.reading.ravel()])
+    product = np.concatenate([np.zeros(f), flat.T @ one.rows.reading.residual.ravel()])
     spread = np.eye(len(gram))
     whole_gram = np.zeros_like(gram)
     whole_gram[f:, f:] = flat.T @ flat
     candidates = [_visible(one, gram, whole_gram) for one in _candidates(fit, edges, spread[f:])]
     whole = np.column_stack([spread[:, :f], *(candidate.rows.T for candidate in candidates)])
     residual, rows = rows_from_products(whole.T @ gram @ whole, whole.T @ product)
-    start, ready = f, list[Candidate]()
-    for candidate in candidates:
-        stop = start + len(candidate.components)
-        ready.append(replace(candidate, rows=rows[:, start:stop]))
-        start = stop
-    return replace(score_tests(residual, rows[:, :f], ready), chi2=fit.chi2, dof=fit.dof)
+    tested = score_tests(residual, rows[:, :f], with_rows(candidates, rows[:, f:]))
+    return replace(tested, chi2=fit.chi2, dof=fit.dof)
 
 
 def _columns(solution: Solution, edges: Indices) -> Array:

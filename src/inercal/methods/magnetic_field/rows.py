@@ -29,9 +29,8 @@ from inercal.estimation.scores import chi2_tail_probability
 from inercal.methods.magnetic_field.records import Directions, FieldNodes, LinearModel, Links
 from inercal.physics.frames import exp_so3, log_so3, skew
 
-_TINY = (
-    1e-13  # share of a node's information, so that a decomposition exists at a pole of the field
-)
+# Share of a node's information that is added, so a decomposition exists at a pole of the field.
+_TINY = 1e-13
 
 
 class FieldState(NamedTuple):
@@ -159,26 +158,33 @@ class FieldProblem:
         return whitener
 
 
-class FieldRows(NamedTuple):
-    """Whitened residuals, and their derivatives in (c, δ, s) and in the turns."""
+class Block(NamedTuple):
+    """k groups of m whitened residuals of one kind, and their derivatives."""
 
-    reading: Array  # (n, 3)
-    reading_jacobian: Array  # (n, 3, P)
-    reading_turn: Array  # (n, 3, 3)
-    direction: Array  # (d, 2)
-    direction_jacobian: Array  # (d, 2, P)
-    direction_turn: Array  # (d, 2, 3)
-    link: Array  # (l, 3)
-    link_jacobian: Array  # (l, 3, P)
-    link_turn: Array  # (l, 3, 3), for the second node
-    link_turn_before: Array  # (l, 3, 3)
+    residual: Array  # (k, m)
+    jacobian: Array  # (k, m, P), in (c, δ, s)
+    turn: Array  # (k, m, 3), in the turn of a node; of a link, the second one
+
+
+class FieldRows(NamedTuple):
+    """All whitened residuals."""
+
+    reading: Block  # of n nodes, m = 3
+    direction: Block  # of d nodes, m = 2
+    link: Block  # of l links, m = 3
+    link_turn_before: Array  # (l, 3, 3), derivatives of the links in the turn of the first node
     prior: Array  # (P,)
     prior_weight: Array  # (P,), 1 / sd
 
     @property
+    def blocks(self) -> tuple[Block, Block, Block]:
+        """All rows but those of the priors."""
+        return self.reading, self.direction, self.link
+
+    @property
     def cost(self) -> float:
         """χ² of all rows, including the priors."""
-        parts = (self.reading, self.direction, self.link, self.prior)
+        parts = (*(one.residual for one in self.blocks), self.prior)
         return sum(float(np.sum(part**2)) for part in parts)
 
 
@@ -203,36 +209,24 @@ def field_rows(problem: FieldProblem, state: FieldState) -> FieldRows:
     direction_jacobian = np.zeros((len(up), 2, count))
     direction_jacobian[:, :, p + 1 :] = -across @ by_known
 
-    link, link_jacobian, turn, turn_before = _link_rows(problem, state)
-
     weight = np.zeros(count)
     prior = np.zeros(count)
     if problem.dip is not None:
         weight[p] = 1 / problem.dip.sd
         prior[p] = weight[p] * (problem.dip.value - state.dip)
     weight[p + 1 :], prior[p + 1 :] = 1.0, -state.known
+    seen = Block((across @ direction[..., None])[..., 0], direction_jacobian, across @ skew(up))
     return FieldRows(
-        reading,
-        jacobian,
-        gain @ skew(h),
-        (across @ direction[..., None])[..., 0],
-        direction_jacobian,
-        across @ skew(up),
-        link,
-        link_jacobian,
-        turn,
-        turn_before,
-        prior,
-        weight,
+        Block(reading, jacobian, gain @ skew(h)), seen, *_link_rows(problem, state), prior, weight
     )
 
 
-def _link_rows(problem: FieldProblem, state: FieldState) -> tuple[Array, Array, Array, Array]:
-    """Return the rows of the links, their derivatives, and those in the turns of both nodes."""
+def _link_rows(problem: FieldProblem, state: FieldState) -> tuple[Block, Array]:
+    """Return the rows of the links, and their derivatives in the turn of the first node."""
     links, p, count = problem.links, len(problem.model.names), problem.count
     if not len(links.before):
         none = np.zeros((0, 3, 3))
-        return np.zeros((0, 3)), np.zeros((0, 3, count)), none, none
+        return Block(np.zeros((0, 3)), np.zeros((0, 3, count)), none), none
     white = problem.link_whitener
     before, after = state.attitude[links.before], state.attitude[links.before + 1]
     error = log_so3(links.rotation.mT @ before.mT @ after)
@@ -241,7 +235,7 @@ def _link_rows(problem: FieldProblem, state: FieldState) -> tuple[Array, Array, 
     jacobian[:, :, p + 1 :] = -white @ by_known
     turn = white @ (np.eye(3) + 0.5 * skew(error))
     rows = (white @ (by_known @ state.known - error)[..., None])[..., 0]
-    return rows, jacobian, turn, -turn @ after.mT @ before
+    return Block(rows, jacobian, turn), -turn @ after.mT @ before
 
 
 class Elimination(NamedTuple):
@@ -263,32 +257,27 @@ def eliminate(problem: FieldProblem, state: FieldState, rows: FieldRows) -> Elim
     """Eliminate the turns of all nodes from the normal equations."""
     n, free = len(problem.nodes.labels), problem.free
     one, two = problem.directions.node, problem.links.before
-    reading_turn = rows.reading_turn.mT
-    block = reading_turn @ rows.reading_turn
-    coupling = reading_turn @ rows.reading_jacobian
-    gradient = (reading_turn @ rows.reading[..., None])[..., 0]
-    parts = (rows.reading_jacobian, rows.direction_jacobian, rows.link_jacobian)
-    whole = np.concatenate([part.reshape(-1, problem.count) for part in parts])
-    residuals = (rows.reading, rows.direction, rows.link)
-    right = whole.T @ np.concatenate([part.ravel() for part in residuals])
+    reading_turn = rows.reading.turn.mT
+    block = reading_turn @ rows.reading.turn
+    coupling = reading_turn @ rows.reading.jacobian
+    gradient = (reading_turn @ rows.reading.residual[..., None])[..., 0]
+    whole = np.concatenate([part.jacobian.reshape(-1, problem.count) for part in rows.blocks])
+    right = whole.T @ np.concatenate([part.residual.ravel() for part in rows.blocks])
     right += rows.prior_weight * rows.prior
     whole = whole.T @ whole + np.diag(rows.prior_weight**2)
-    for at, turn, jacobian, residual in (
-        (one, rows.direction_turn, rows.direction_jacobian, rows.direction),
-        (two, rows.link_turn_before, rows.link_jacobian, rows.link),
-        (two + 1, rows.link_turn, rows.link_jacobian, rows.link),
-    ):
-        block[at] += turn.mT @ turn
-        coupling[at] += turn.mT @ jacobian
-        gradient[at] += (turn.mT @ residual[..., None])[..., 0]
-    size = np.trace(block, axis1=1, axis2=2)
+    before = rows.link._replace(turn=rows.link_turn_before)
+    for at, part in ((one, rows.direction), (two, before), (two + 1, rows.link)):
+        block[at] += part.turn.mT @ part.turn
+        coupling[at] += part.turn.mT @ part.jacobian
+        gradient[at] += (part.turn.mT @ part.residual[..., None])[..., 0]
+    size = np.linalg.trace(block)
     block += (_TINY * size)[:, None, None] * np.eye(3)
     about = state.body_fields()[problem.gauges] / state.strength
     block[problem.gauges] += size[problem.gauges, None, None] * about[:, :, None] * about[:, None]
 
     band = np.zeros((6, n, 3))
     beside = np.zeros((n, 3, 3))
-    beside[two] = rows.link_turn.mT @ rows.link_turn_before
+    beside[two] = rows.link.turn.mT @ rows.link_turn_before
     below = np.concatenate([block, beside], axis=1)
     for column in range(3):
         band[: 6 - column, :, column] = below[:, column:, column].T

@@ -178,7 +178,7 @@ def _fit(fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None) -> FieldFi
     covariance = np.concatenate([seen.covariance, seen.noise / samples[count:, None, None]])
     # At least as large as the stated noise implies.
     stated = _stated_variances(fit, seen, field) / samples[:, None]
-    lacking = stated - np.diagonal(covariance, axis1=1, axis2=2)
+    lacking = stated - np.linalg.diagonal(covariance)
     covariance += np.maximum(lacking, 0.0)[:, :, None] * np.eye(len("xyz"))
     rows: list[int] = at.rest.tolist()
     moments: list[float] = at.time.tolist()
@@ -272,7 +272,7 @@ def _grouped(first: Estimate, observations: Observations) -> Estimate:
         return first
     rows = len(observations.labels)
     residual = first.residual[: observations.mean.size].reshape(rows, -1)[:, : len("xyz")]
-    deviation = np.sqrt(np.diagonal(observations.covariance, axis1=1, axis2=2))[:, : len("xyz")]
+    deviation = np.sqrt(np.linalg.diagonal(observations.covariance))[:, : len("xyz")]
     birge = float(first.birge)
     group = ResidualGroup(
         "readings",
@@ -338,12 +338,12 @@ def joined(first: Estimate, found: FieldFit, p: int) -> Estimate:
 def _field_group(found: FieldFit) -> ResidualGroup:
     """Return the readings of the magnetometers as a group with its own χ²."""
     nodes = found.plain.problem.nodes
-    deviation = np.sqrt(np.diagonal(nodes.covariance, axis1=1, axis2=2))
+    deviation = np.sqrt(np.linalg.diagonal(nodes.covariance))
     return ResidualGroup(
         "magnetic field",
         "T",
         nodes.labels,
-        found.plain.rows.reading * deviation,
+        found.plain.rows.reading.residual * deviation,
         deviation,
         found.chi2,
         found.dof,

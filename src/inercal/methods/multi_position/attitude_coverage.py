@@ -102,7 +102,7 @@ def turn_rows(
     # The body turns by +angle about the axis, so a fixed direction turns by −angle in the body.
     to_end = exp_so3(-turn[:, None] * left[:, None])
     sensed = np.ones((len(after), _TURN_STEPS, 7))
-    sensed[..., :3] = g * (np.swapaxes(to_end, -1, -2) @ after[:, None, :, None])[..., 0]
+    sensed[..., :3] = g * (to_end.mT @ after[:, None, :, None])[..., 0]
     sensed[..., 3:6] = turn[:, None] / MOVE_SECONDS
     sensitivity = np.einsum("ksab,ksq->kabq", to_end, sensed) * (MOVE_SECONDS / _TURN_STEPS)
     model = inverse_model(sensor, np.zeros(len(sensor.coefficients)))
@@ -142,10 +142,10 @@ def next_attitudes(
     trace = _REGULARISATION * np.eye(len(information))
     while len(chosen) < max_attitudes and _largest_deviation(information) > target_deviation:
         easy = np.flatnonzero(np.abs(CUBE_DIRECTIONS @ last) < _MAX_TURN_COSINE)
-        gains = np.swapaxes(at_rest[easy], -1, -2) @ at_rest[easy]
+        gains = at_rest[easy].mT @ at_rest[easy]
         if turning:
             ways = turn_rows(sensor, last, CUBE_DIRECTIONS[easy], g, errors)
-            gains += np.swapaxes(ways, -1, -2) @ ways
+            gains += ways.mT @ ways
         best = int(np.argmax(np.linalg.slogdet(information + gains + trace)[1]))
         information = information + gains[best]
         last = CUBE_DIRECTIONS[easy[best]]
@@ -209,13 +209,10 @@ def require_coverage(rests: Rests, priors: Priors) -> None:
     sensor, p, a = rests.sensor, len(rests.sensor.coefficients), len(rests.force.coefficients)
     information = geometry_information(rests, priors)
     free: list[Array] = []
-    for part in (slice(0, a), slice(a, p)):
-        if information[part, part].size:
-            values, vectors = np.linalg.eigh(information[part, part])
-            for vector in vectors[:, values < OBSERVABILITY_LIMIT**-2].T:
-                whole = np.zeros(p)
-                whole[part] = vector
-                free.append(whole)
+    for first, stop in ((0, a), (a, p)):
+        values, vectors = np.linalg.eigh(information[first:stop, first:stop])
+        weak = vectors[:, values < OBSERVABILITY_LIMIT**-2].T
+        free += [*np.pad(weak, ((0, 0), (first, p - stop)))]
     if not free:
         return
     words = tuple(direction_in_words(row, sensor.coefficients) for row in free)

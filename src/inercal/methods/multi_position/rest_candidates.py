@@ -314,8 +314,8 @@ def rest_changes(
     of_turn = of_turn + halves.seconds[:, None, None] ** 2 * offset
     by_turn = basis @ skew(sensed)
     to_reading = basis @ back
-    noise = to_reading @ of_force @ np.swapaxes(to_reading, -1, -2)
-    noise += by_turn @ of_turn @ np.swapaxes(by_turn, -1, -2)
+    noise = to_reading @ of_force @ to_reading.mT
+    noise += by_turn @ of_turn @ by_turn.mT
     factor = np.linalg.cholesky(noise)
     both = np.concatenate([to_reading, change[..., None]], axis=-1)
     solved: Array = np.asarray(np.linalg.solve(factor, both), dtype=np.float64)

@@ -18,7 +18,7 @@ from inercal.benches import Hand
 from inercal.estimation import Estimate
 from inercal.estimation.residual_scatter import ScatterModel
 from inercal.methods import Fit
-from inercal.methods.magnetic_field import Links
+from inercal.methods.magnetic_field.records import Links
 from inercal.methods.magnetic_field.stage import NodeTimes
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model, transition_rotations

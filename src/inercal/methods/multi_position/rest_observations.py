@@ -167,7 +167,7 @@ class Rests:
         """
         if not self.rounding.any():
             return 0.0, 0.0, 0.0
-        m, own = self.m, np.diagonal(self.noise, axis1=1, axis2=2).sum(axis=0)
+        m, own = self.m, np.linalg.diagonal(self.noise).sum(axis=0)
         part = self.rounding.sum(axis=0)
         ratios = [_ratio(part[:m], own[:m]), _ratio(part[m:], own[m:])]
         if self.transitions is None:
@@ -207,7 +207,7 @@ class Rests:
             return np.zeros((0, len(seen.time), self.m))
         since: Array = seen.time - seen.time.mean()
         square = float(np.mean(since**2))
-        own = np.diagonal(seen.covariance, axis1=1, axis2=2)[:, : self.m]
+        own = np.linalg.diagonal(seen.covariance)[:, : self.m]
         of_slopes = self.m / np.sum(seen.duration[:, None] ** 2 / (12 * own), axis=0)
         courses = np.stack([since, 0.5 * (since**2 - square) / np.sqrt(square)])
         return courses[..., None] * np.sqrt(of_slopes)
@@ -352,7 +352,7 @@ class Rests:
         assert self.transitions is not None
         level, before = attitude_from_vertical(at.up), self.transitions.rest
         # Up comes from the accelerometers, so only the azimuth drifts.
-        turned = np.swapaxes(level[before + 1], -1, -2) @ way.rotation @ level[before]
+        turned = level[before + 1].mT @ way.rotation @ level[before]
         step = np.full(len(level), np.nan)
         step[0] = 0.0
         step[before + 1] = np.arctan2(

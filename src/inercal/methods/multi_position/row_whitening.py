@@ -44,11 +44,11 @@ def row_covariance(rests: Rests, rows: ResidualRows, scatter: Scatter) -> RowCov
     enter, own = reading_sensitivities(rests, rows), np.zeros((0, 2, 2))
     turns = rows.rotations
     if turns is not None:
-        own = turns.to_end_turn @ turns.way.noise @ np.swapaxes(turns.to_end_turn, -1, -2)
+        own = turns.to_end_turn @ turns.way.noise @ turns.to_end_turn.mT
         on_the_way = _transition_offset_sensitivities(rests, turns)
-        wander = scatter.rate.excess**2 * 2 * on_the_way @ np.swapaxes(on_the_way, -1, -2)
+        wander = scatter.rate.excess**2 * 2 * on_the_way @ on_the_way.mT
         own = scatter.turn.of(own) + wander
-    return RowCovariance(enter @ readings @ np.swapaxes(enter, -1, -2), own)
+    return RowCovariance(enter @ readings @ enter.mT, own)
 
 
 def reading_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
@@ -290,8 +290,8 @@ def _accelerometer_share(rests: Rests, rows: ResidualRows, scatter: Scatter) -> 
 
     def variance(share: float) -> float:
         found = row_covariance(rests, rows, scatter._replace(turn=ScatterModel(share=share)))
-        own = np.diagonal(found.rests, axis1=1, axis2=2)[:, [0, 1, 6, 7]]
-        return float(own.sum() + np.trace(found.rotations, axis1=1, axis2=2).sum())
+        own = np.linalg.diagonal(found.rests)[:, [0, 1, 6, 7]]
+        return float(own.sum() + np.linalg.trace(found.rotations).sum())
 
     gyros = 2 * (variance(1.0) - variance(0.5))
     return variance(1.0) / gyros - 1

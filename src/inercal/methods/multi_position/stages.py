@@ -59,18 +59,16 @@ class FitStage:
     Parameters
     ----------
     estimate : Estimate
+        The χ² of its groups, the kinds of rows tested so far, is before any excess is added.
     x : (p + 8,) array
         All coefficients, g, the earth's rate, the clock error and the rounding errors. Quantities
         that are not fitted yet have their nominal value.
     scatter : Scatter
-    groups : tuple of ResidualGroup
-        The kinds of rows tested so far; their χ² is before any excess is added.
     """
 
     estimate: Estimate
     x: Array
     scatter: Scatter
-    groups: tuple[ResidualGroup, ...]
 
 
 def fit_accelerometers(rests: Rests, priors: Priors) -> FitStage:
@@ -120,9 +118,8 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Priors) -> FitStage:
     r, k = len(rows.norm.residual), len(rests.transitions.rest)
     # The attitudes during the run, and with them the earth's rate, require a bias estimate first.
     of_rest = slice(r + 2 * k, None)
-    x[still] += np.linalg.lstsq(rows.jacobian[of_rest, still], rows.residual[of_rest], rcond=None)[
-        0
-    ]
+    by_still, off = rows.jacobian[of_rest, still], rows.residual[of_rest]
+    x[still] += np.linalg.lstsq(by_still, off, rcond=None)[0]
     # With only the rates, a common rounding error is part of the bias.
     shown = np.concatenate([still, fitted[own.size :]])
     shown = shown[shown < count + KNOWN_QUANTITIES.index(_ROUNDING_ERRORS[0])]
@@ -136,7 +133,7 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Priors) -> FitStage:
     x[free] = fit.value
     rows = rests.rows(x)
     judged = [(0.0, 0), rates[:2], rotations[:2]]
-    groups = (*first.groups, *_residual_groups(rests, rows, scatter, judged)[1:])
+    groups = (*first.estimate.groups, *_residual_groups(rests, rows, scatter, judged)[1:])
     whiten = row_whitening.whitener(rests, rows, scatter, norms=False)
     whiten = row_whitening.whitener_with_drift(rests, rows, whiten)
     estimate = _consider_estimate(rests, fit, first.estimate, whiten(rows.jacobian))
@@ -148,7 +145,7 @@ def fit_jointly(rests: Rests, last: FitStage, priors: Priors) -> FitStage:
     x, free = last.x.copy(), _free_indices(rests)
     estimate = _fit(rests, free, x, last.scatter, priors, drifting=True)
     x[free] = estimate.value
-    judged = [(group.chi2, group.dof) for group in last.groups]
+    judged = [(group.chi2, group.dof) for group in last.estimate.groups]
     groups = _residual_groups(rests, rests.rows(x), last.scatter, judged)
     return _fit_stage(estimate, x, last.scatter, groups)
 
@@ -303,7 +300,7 @@ def _fit_stage(
         whitened=np.concatenate([(group.residual / group.sd).ravel() for group in groups]),
         observations=(),
     )
-    return FitStage(judged, x, scatter, groups)
+    return FitStage(judged, x, scatter)
 
 
 def _residual_groups(
@@ -312,14 +309,14 @@ def _residual_groups(
     """Return each kind of rows with its stated scatter; `judged` contains χ² and ν of each."""
     labels, r = rests.observations.labels, len(rows.norm.residual)
     of_rests, of_turns = row_whitening.row_covariance(rests, rows, scatter)
-    variance = np.diagonal(of_rests, axis1=1, axis2=2)
+    variance = np.linalg.diagonal(of_rests)
     own = variance[:, [row_whitening.NORM_ROW]]
     kinds = [("norms", "m/s²", labels, rows.norm.residual[:, None], own)]
     if rows.rotations is not None:
         before = rows.rotations.rest
         ways = tuple(f"{labels[k]}–{labels[k + 1]}" for k in before)
         arriving, leaving = variance[before + 1, :2], variance[before, 6:]
-        of_ways = arriving + leaving + np.diagonal(of_turns, axis1=1, axis2=2)
+        of_ways = arriving + leaving + np.linalg.diagonal(of_turns)
         rates = rows.residual[-3 * r :].reshape(r, 3)
         kinds.append(("rates", "rad/s", labels, rates, variance[:, row_whitening.RATE_ROWS]))
         kinds.append(("rotations", "rad", ways, rows.rotations.residual, of_ways))

@@ -279,7 +279,7 @@ class VectorEquations:
     def _whitened_noise(self) -> tuple[Array, Array]:
         """Weights and factors for `inercal.methods.residuals._vector_kernel.WhitenedNoise`."""
         noise, correlated, n = self.noise, self.correlated, self.noise.shape[-1]
-        variance = np.diagonal(noise, axis1=-2, axis2=-1) if correlated else noise
+        variance = np.linalg.diagonal(noise) if correlated else noise
         if correlated and np.count_nonzero(variance) == np.count_nonzero(noise):
             noise, correlated = np.sqrt(variance), False
         if not correlated:

@@ -75,16 +75,16 @@ def planar_norm(
     # From errors of M a + p − f in all rows (axis index fastest) to errors of the compared rows.
     map_to = ship_consistency.comparison_map(model, observations.mean / G0, rest, groups)
     spread = ship_consistency.row_covariance(observations, bench, steps, model.matrix)
-    spread = map_to @ spread @ np.swapaxes(map_to, -1, -2)
+    spread = map_to @ spread @ map_to.mT
     agreement = ship_consistency.consistency(
         observations, sensor, bench, steps, model, gain @ map_to, rest, groups
     )
     return affine_estimate(
         sensor,
         model,
-        gain @ spread @ np.swapaxes(gain, -1, -2),
+        gain @ spread @ gain.mT,
         residual,
-        np.diagonal(spread, axis1=-2, axis2=-1),
+        np.linalg.diagonal(spread),
         (
             *(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
             *(f"|f|[{steps[k].label}]" for k in groups),

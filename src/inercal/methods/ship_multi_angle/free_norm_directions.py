@@ -57,9 +57,9 @@ def group_information(model: AffineModel, a: Array) -> GroupInformation:
     u, s, vt = np.linalg.svd(j, full_matrices=False)
     there = s > RANK_TOLERANCE * s[..., :1]
     inverse = np.where(there, 1 / np.where(there, s, 1.0), 0.0)
-    v = np.swapaxes(vt, -1, -2)
+    v = vt.mT
     known = v * there[..., None, :]
-    back = (v * inverse[..., None, :]) @ np.swapaxes(u, -1, -2)
+    back = (v * inverse[..., None, :]) @ u.mT
     sensed = 2 * model.correct(a)
     gain = -back[..., None] * sensed[..., None, :, :]
     return GroupInformation(
@@ -70,7 +70,7 @@ def group_information(model: AffineModel, a: Array) -> GroupInformation:
 class FreeDirections(NamedTuple):
     """Directions in the space of coefficients that norms leave free at one solution."""
 
-    rotations: tuple[NullDirection, ...]
+    rotations: tuple[NullDirection, ...]  # of the triad; none if a frame is stated
     unobserved: tuple[NullDirection, ...]  # due to the plan, in addition to the rotations
     rank: int  # of the other directions
     weak: tuple[NullDirection, ...]  # observed, but with an uncertainty above the limit
@@ -116,12 +116,8 @@ def free_directions(sensor: Sensor, model: AffineModel, a: Array, spread: Array)
         for v, move in zip(variance, moves.T, strict=True)
         if v > OBSERVABILITY_LIMIT**2
     )
+    turns = turns if sensor.frame == "mount" else ()
     return FreeDirections(turns, blind, 12 - int(nothing.sum()) - len(weak), weak)
-
-
-def undetermined_rotations(sensor: Sensor, left: FreeDirections) -> tuple[NullDirection, ...]:
-    """Return the rotations that the start or chance decides; none if a frame is stated."""
-    return left.rotations if sensor.frame == "mount" else ()
 
 
 def _null_direction(sensor: Sensor, move: Array, words: str) -> NullDirection:
@@ -231,9 +227,7 @@ def _start_from_priors(
     without = tuple(name for name in names if not any(name in prior.names for prior in priors))
     if without:
         left = _nominal_free_directions(sensor, bench, steps, groups)
-        words = tuple(
-            one.words for one in (*undetermined_rotations(sensor, left), *left.unobserved)
-        )
+        words = tuple(one.words for one in (*left.rotations, *left.unobserved))
         others = "tilts of a second kind, such as XY 135 + 45"
         if sensor.frame == "mount":
             others = "priors on all twelve coefficients"
@@ -248,7 +242,7 @@ def _start_from_priors(
     covariance = np.asarray(np.linalg.inv(root.T @ root), dtype=float)
     mean = np.concatenate([target for _, target in rows], axis=-1) @ root @ covariance
     model, slope = affine.to_affine(sensor, mean)
-    stated = slope @ covariance @ np.swapaxes(slope, -1, -2)
+    stated = slope @ covariance @ slope.mT
     return StartingPoint(model, "the stated priors", prior_covariance=stated)
 
 

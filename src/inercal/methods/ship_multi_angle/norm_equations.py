@@ -109,7 +109,7 @@ def frame_projection(model: AffineModel) -> Array:
     """Return P for models (...) in the symmetric frame, (..., 12, 12)."""
     slope = model.slope
     c = np.stack([slope[..., 3 * i + j, :] - slope[..., 3 * j + i, :] for i, j in _PAIRS], axis=-2)
-    r = np.swapaxes(rotation_directions(model), -1, -2)
+    r = rotation_directions(model).mT
     return np.eye(12) - r @ np.asarray(np.linalg.solve(c @ r, c), dtype=float)
 
 
@@ -151,8 +151,8 @@ def damped_solution(a: Array, square: Array, start: AffineModel) -> DampedSoluti
         # Take no step along a null direction, because only rounding would decide its size.
         seen = s > RANK_TOLERANCE * s[:, :1]
         share = np.where(seen, s / np.where(seen, s**2 + mu[now, None], 1.0), 0.0)
-        pull = (np.swapaxes(u, -1, -2) @ norm_residuals(model, a[now], square)[..., None])[..., 0]
-        move = -(np.swapaxes(vt, -1, -2) @ (share * pull)[..., None])[..., 0]
+        pull = (u.mT @ norm_residuals(model, a[now], square)[..., None])[..., 0]
+        move = -(vt.mT @ (share * pull)[..., None])[..., 0]
         tried = theta[now] + move
         then = (norm_residuals(AffineModel.of(tried), a[now], square) ** 2).sum(-1)
         # A predicted decrease that is smaller than the rounding of the sum cannot be verified.

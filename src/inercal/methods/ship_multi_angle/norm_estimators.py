@@ -6,7 +6,7 @@ the start or of the bounds along them. If the frame of the sensor is stated, it 
 and both estimators agree.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.units import format_count
 from inercal.benches.rate_table.bench import RateTable
-from inercal.estimation import Estimate, NullDirection
+from inercal.estimation import Estimate
 from inercal.methods import Priors
 from inercal.methods.ship_consistency import consistency, row_covariance
 from inercal.methods.ship_multi_angle import free_norm_directions as free
@@ -72,7 +72,7 @@ def damped(
     if start.gain is not None:
         rest = [k for k in range(len(steps)) if k not in groups]
         whole[..., norm_equations.axis_columns(rest)] = null @ start.gain
-    covariance = whole @ spread @ np.swapaxes(whole, -1, -2)
+    covariance = whole @ spread @ whole.mT
     if start.prior_covariance is not None:
         covariance = covariance + null @ start.prior_covariance @ null
     decided = ("damping", start.uncertainty_source)
@@ -214,10 +214,9 @@ def _norm_estimate(
     left = free.free_directions(sensor, one, a[first], spread[first])
     if sensor.frame != "mount":
         kept = norm_equations.frame_projection(done.model)
-        covariance = kept @ covariance @ np.swapaxes(kept, -1, -2)
+        covariance = kept @ covariance @ kept.mT
         gain = kept @ gain
     agreement = consistency(observations, sensor, bench, steps, done.model, gain, level, groups)
-    turns = free.undetermined_rotations(sensor, left)
     return affine_estimate(
         sensor,
         done.model,
@@ -226,34 +225,30 @@ def _norm_estimate(
         np.einsum("...ai,...aij,...aj->...a", along, blocks, along),
         tuple(f"|f|[{steps[k].label}]" for k in groups),
         agreement,
-        notes=_free_direction_notes(left, turns, decided),
+        notes=tuple(_free_direction_notes(left, decided)),
         rank=left.rank,
-        null_directions=(*turns, *left.unobserved, *left.weak),
+        null_directions=(*left.rotations, *left.unobserved, *left.weak),
         converged=done.converged,
         iterations=done.steps,
     )
 
 
-def _free_direction_notes(
-    left: free.FreeDirections, turns: tuple[NullDirection, ...], decided: tuple[str, str]
-) -> tuple[str, ...]:
-    """Return notes on free directions, on what decided them, and on weak directions."""
-    named = [one.words for one in (*turns, *left.unobserved)]
+def _free_direction_notes(left: free.FreeDirections, decided: tuple[str, str]) -> Iterator[str]:
+    """Yield notes on free directions, on what decided them, and on weak directions."""
+    named = [one.words for one in (*left.rotations, *left.unobserved)]
     what, source = decided
     rank = f"Norms determine {left.rank} of 12 coefficients"
-    notes: list[str] = []
-    if not turns:
-        notes.append(
+    if not left.rotations:
+        yield (
             f"{rank}, and the stated frame determines three (symmetric misalignments). The "
             "orientation of this frame in the housing is not determined."
         )
     if named:
-        notes.append(
+        yield (
             f"Warning: {rank}. {what.capitalize()} decided "
             f"{format_count(len(named), 'direction')}, whose uncertainty is that of {source}: "
             f"{'; '.join(named)}."
         )
     if left.weak:
         words = "; ".join(one.words for one in left.weak)
-        notes.append(f"Warning: only accidental deviations of the mountings determine {words}.")
-    return tuple(notes)
+        yield f"Warning: only accidental deviations of the mountings determine {words}."

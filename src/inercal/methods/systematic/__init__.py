@@ -96,7 +96,7 @@ def velocity_errors(
     gravity, latitude : float
         Local gravity, m/s², and latitude, rad.
     """
-    back = np.swapaxes(attitudes, -1, -2)
+    back = attitudes.mT
     earth = earth_rate(latitude)
     f, w = gravity * back @ _UP, back @ earth
     at = sensor.linearise(Motion(f, w), c)
@@ -236,7 +236,7 @@ def vertical_turn_messages(attitudes: Array, labels: Sequence[str]) -> tuple[str
         Labels of the rests.
     """
     before, after = attitudes[:-1], attitudes[1:]
-    in_body = log_so3(np.swapaxes(before, -1, -2) @ after)
+    in_body = log_so3(before.mT @ after)
     angle = np.linalg.norm(in_body, axis=-1)
     up = np.einsum("kij,kj->ki", before, in_body)[:, 2]
     about = np.abs(up) > _VERTICAL * np.maximum(angle, _TURNED)

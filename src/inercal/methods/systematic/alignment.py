@@ -94,7 +94,7 @@ def attitudes_at(segments: Segments, model: ImuModel, c: Array, latitude: float)
 def _level_rate_rows(attitudes: Array) -> Array:
     """Return ∂(rates at rests)/∂(level part of the Earth's rate, biases), (3 m, 5)."""
     m = len(attitudes)
-    rows = [np.swapaxes(attitudes, -1, -2)[..., :2], np.tile(np.eye(3), (m, 1, 1))]
+    rows = [attitudes.mT[..., :2], np.tile(np.eye(3), (m, 1, 1))]
     return np.concatenate(rows, axis=-1).reshape(-1, 5)
 
 

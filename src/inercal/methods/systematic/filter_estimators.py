@@ -19,7 +19,11 @@ from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.turntable.bench import StillTable, Turntable
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.estimation import Estimate, ModelTest
-from inercal.estimation.innovations import group_innovations, mean_and_whiteness_tests
+from inercal.estimation.innovations import (
+    StateEstimate,
+    group_innovations,
+    mean_and_whiteness_tests,
+)
 from inercal.methods import PartialEstimate, Priors
 from inercal.methods.order_effects import with_tests_of_priors
 from inercal.methods.systematic.alignment import attitudes_at, determines_azimuth
@@ -27,7 +31,6 @@ from inercal.methods.systematic.generalised_least_squares import LAG, require_tu
 from inercal.methods.systematic.navigation import integrate_navigation
 from inercal.methods.systematic.navigation_filter import (
     LIVE_CHUNK,
-    ConstantEstimate,
     FilterModel,
     FilterStart,
     NavigationFilter,
@@ -165,7 +168,7 @@ def _innovation_tests(standard: Array, rest: Indices) -> tuple[ModelTest, ...]:
     )
 
 
-def _require_determined(found: ConstantEstimate, start: FilterStart, sensor: Sensor) -> float:
+def _require_determined(found: StateEstimate, start: FilterStart, sensor: Sensor) -> float:
     """Raise NotObserved if directions are still as uncertain as before the data.
 
     Return the largest remaining share of the initial variance.

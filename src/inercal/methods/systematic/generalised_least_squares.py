@@ -25,11 +25,7 @@ from inercal.estimation.fitting import estimate_at_solution
 from inercal.estimation.nullspace import observability
 from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem
 from inercal.methods import Priors
-from inercal.methods.candidates import (
-    candidates_from_columns,
-    extended_sensor,
-    prior_candidates,
-)
+from inercal.methods.candidates import candidates_from_columns, extended_sensor, prior_candidates
 from inercal.methods.systematic.alignment import attitudes_at, initial_attitudes
 from inercal.methods.systematic.navigation import ImuModel
 from inercal.methods.systematic.rest_and_turn_rows import TURN_UNITS, RestAndTurnRows
@@ -119,7 +115,7 @@ def require_turns(attitudes: Array, sensor: Sensor, priors: Priors) -> None:
         The message names the scale factor and the misalignments that sense that axis.
     """
     known = {name for prior in priors for name in prior.names}
-    turned = np.abs(log_so3(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])).sum(axis=0)
+    turned = np.abs(log_so3(attitudes[:-1].mT @ attitudes[1:])).sum(axis=0)
     names: list[str] = []
     for axis in (axis for axis in sensor.axes if axis.measures == "w"):
         for term, direction in zip(("scale", "delta_o", "delta_p"), axis.frame, strict=True):

@@ -29,6 +29,7 @@ import numpy as np
 from inercal.basics.arrays import Array, Indices
 from inercal.benches.turntable.bench import StillTable
 from inercal.estimation import FilterHistory, Gaussian
+from inercal.estimation.innovations import StateEstimate
 from inercal.methods import Priors
 from inercal.methods.systematic import navigation
 from inercal.methods.systematic._filter_kernel import FILTER_VECTORS, NAVIGATION, filter_epochs
@@ -155,13 +156,6 @@ def filter_start(model: FilterModel, segments: Segments) -> FilterStart:
         sd[at] = np.maximum(sd[at], 10 * np.sqrt(np.diagonal(prior.covariance)))
     azimuth = min(bias / float(earth[1]), _LARGEST_AZIMUTH)
     return FilterStart(attitudes[0], c, 0.0, sd, np.array([_SIZE, _SIZE, azimuth]))
-
-
-class ConstantEstimate(NamedTuple):
-    """Values and covariance of the coefficients, the lag, gravity and latitude, SI."""
-
-    value: Array
-    covariance: Array
 
 
 class NavigationFilter:
@@ -324,8 +318,11 @@ class NavigationFilter:
             at += drift.size
         return result["w"], result["f"]
 
-    def estimate(self) -> ConstantEstimate:
-        """Return the current estimate, with biases as means over the run so far."""
+    def estimate(self) -> StateEstimate:
+        """Return the coefficients, the lag, gravity and latitude, SI.
+
+        Biases are means over the run so far.
+        """
         count = self._first - NAVIGATION
         to_mean = np.eye(count, self._x.size - NAVIGATION)
         further = np.zeros(count)
@@ -341,7 +338,7 @@ class NavigationFilter:
                     further[names.index(name)] = variance[k]
             at += drift.size
         covariance = to_mean @ self._p[NAVIGATION:, NAVIGATION:] @ to_mean.T
-        return ConstantEstimate(
+        return StateEstimate(
             self._at + to_mean @ self._x[NAVIGATION:], covariance + np.diag(further)
         )
 

@@ -154,7 +154,7 @@ class RestAndTurnRows:
         """Return residuals and derivatives for the means at rests."""
         p, m, sensor = self.count, self.rests, self.model.sensor
         c, _, gravity, latitude, _, attitudes = point
-        back = np.swapaxes(attitudes, -1, -2)
+        back = attitudes.mT
         earth = earth_rate(latitude)
         f, w = gravity * back @ _UP, back @ earth
         at = sensor.linearise(Motion(f, w), c)
@@ -175,7 +175,7 @@ class RestAndTurnRows:
         done, columns = self._navigate(point), self._columns
         _, _, gravity, latitude, _, attitudes = point
         seconds = self.segments.turn_seconds
-        h = log_so3(attitudes[1:] @ np.swapaxes(done.attitude, -1, -2))
+        h = log_so3(attitudes[1:] @ done.attitude.mT)
         jacobian = np.zeros((m - 1, _ROWS, width))
         jacobian[:, :3, columns.rate] = -done.psi[:, :, columns.of_rate]
         jacobian[:, 3:, columns.rate] = done.v[:, :, columns.of_rate]

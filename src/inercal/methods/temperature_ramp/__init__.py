@@ -267,25 +267,24 @@ def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:
     )
 
 
-def _step_notes(model: RampModel, environment: Environment | None) -> list[str]:
-    """Return notes on how the steps of a coarse thermometer affect the result."""
-    blocks, notes = model.blocks, list[str]()
+def _step_notes(model: RampModel, environment: Environment | None) -> Iterator[str]:
+    """Yield notes on how the steps of a coarse thermometer affect the result."""
+    blocks = model.blocks
     if blocks.course is not None:
         crossings = blocks.course.nodes.crossings
         refreshed = ""
         if crossings.refreshed > 1.5 * float(blocks.seconds / blocks.samples):
             refreshed = f", which is updated every {crossings.refreshed:.3g} s"
-        notes.append(
+        yield (
             f"The thermometer reads in steps of {blocks.step:.3g} K{refreshed}. The temperature is "
             f"derived from the {crossings.time.size} instants at which its reading changes."
         )
     if environment is None or not environment.temperature_sd:
-        notes.append(
+        yield (
             "It is not known whether the thermometer rounds or truncates. If it truncates, all "
             f"temperatures are {blocks.step / 2:.3g} K too low; U includes this. State "
             "[environment] temperature_sd if you know it."
         )
-    return notes
 
 
 def _one_way_finding(model: RampModel, x: Array) -> Finding:

@@ -16,7 +16,7 @@ search.
 The model computes readings and their derivatives axis by axis.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -315,25 +315,23 @@ def _size(name: str, sensor: Sensor) -> float:
     return _NATURAL[sensor.measures[axis]]
 
 
-def _nuisance_priors(model: RampModel, environment: Environment) -> list[Gaussian]:
-    """Return priors on the constants and on the lag.
+def _nuisance_priors(model: RampModel, environment: Environment) -> Iterator[Gaussian]:
+    """Yield priors on the constants and on the lag.
 
     The attitude is unknown, so a component of the earth's rate is treated as 0 ± Ω/√3 and a
     component of gravity as 0 ± g. An accelerometer's bias affects only the constant. The prior on
     1/τ of a warm-up allows a linear drift, 1/τ = 0.
     """
-    result: list[Gaussian] = []
     for axis in model.sensor.axes:
         sd = EARTH_RATE / np.sqrt(3) if axis.measures == "w" else G0
-        result.append(Gaussian.independent((f"constant[{axis.name}]",), [0.0], [sd]))
+        yield Gaussian.independent((f"constant[{axis.name}]",), [0.0], [sd])
     if model.warm_up:
         rate = 1 / model.warm_up
-        result.append(Gaussian.independent((WARM_UP_RATE,), [rate], [rate]))
+        yield Gaussian.independent((WARM_UP_RATE,), [rate], [rate])
     if LAG in model.nuisances:
         stated = environment.lag
         value, sd = (0.0, WIDEST_LAG) if stated is None else (stated.value, stated.sd)
-        result.append(Gaussian.independent((LAG,), [value], [sd]))
-    return result
+        yield Gaussian.independent((LAG,), [value], [sd])
 
 
 def _column(model: RampModel, k: int, values: Array) -> Array:

@@ -184,13 +184,13 @@ def gyro_columns(
     run = float(whole[1] + whole[0]) / 2, float(whole[-1] + whole[-2]) / 2
     mat, since = reference_attitude(bench, angles), np.diff(time)
     since = np.where(since > 0, since, np.inf)  # nothing is needed at the epoch where a run begins
-    back = np.swapaxes(mat, -1, -2)
+    back = mat.mT
     turned = log_so3(mat[1:] @ back[:-1])  # in the level frame
     middle = exp_so3(turned / 2) @ mat[:-1]
     earth = earth_rate(bench)
     rate = np.zeros((len(time), 3))
     rate[1:] = turned / since[:, None]
-    level = np.swapaxes(middle, -1, -2)
+    level = middle.mT
     sensed = Motion(
         level @ np.array([0.0, 0.0, bench.gravity.value]),
         (level @ (rate[1:] + earth)[..., None])[..., 0],
@@ -248,14 +248,14 @@ def static_mean_columns(epochs: ColumnInputs) -> tuple[tuple[ConstantColumn, ...
     observed, by = table_columns(bench, angles, ("azimuth",))
     force = np.array([0.0, 0.0, bench.gravity.value])
     # The true attitude differs from the readback's by −c.
-    turned = np.swapaxes(mat, -1, -2) @ np.cross(force[:, None], -by, axis=-2)
+    turned = mat.mT @ np.cross(force[:, None], -by, axis=-2)
     result = [readings, np.linalg.inv(_inverse_scale_matrix(part, theta)) @ turned]
     return (*columns, *observed), np.concatenate(result, axis=-1)
 
 
 def static_motion(bench: Turntable, mat: Array) -> Motion:
     """Return the motion that a sensor senses on a stationary table in attitudes (n, 3, 3)."""
-    back = np.swapaxes(mat, -1, -2)
+    back = mat.mT
     return Motion(back @ np.array([0.0, 0.0, bench.gravity.value]), back @ earth_rate(bench))
 
 

@@ -128,13 +128,11 @@ def row_means(bench: Turntable, time: Array, mat: Array, seen: Misalignment) -> 
     """
     up, north = earth_rate_up_north(bench.latitude)
     force, earth = np.array([0, 0, bench.gravity.value]), np.array([0, north, up])
-    back = np.swapaxes(mat, -1, -2)
+    back = mat.mT
     weighted = _time_weights(time)[:, None, None] * back
     mean = weighted.sum(axis=-3)
     # Means of products of an element of Cᵀ and one of B: (..., 9, 3 q) over n samples.
-    products = np.swapaxes(weighted.reshape(*mat.shape[:-2], 9), -1, -2) @ seen.by.reshape(
-        *mat.shape[:-2], -1
-    )
+    products = weighted.reshape(*mat.shape[:-2], 9).mT @ seen.by.reshape(*mat.shape[:-2], -1)
     products = products.reshape(*products.shape[:-2], 3, 3, 3, -1)
 
     def moved(v: Array) -> Array:

@@ -59,7 +59,7 @@ def run_filter(
         result.triad, course.names, found.value, found.covariance, course,
         run.state.nis, max(run.dof - learned, 0), result.unit,
         config.untested_reason(kind),
-        found.shared_covariance, checked, run.rejections,
+        result.shared_covariance, checked, run.rejections,
     )  # fmt: skip
 
 

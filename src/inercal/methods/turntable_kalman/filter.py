@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar, Generic, NamedTuple
+from typing import ClassVar, Generic
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -19,6 +19,7 @@ from inercal.basics.arrays import Array, Indices
 from inercal.basics.parameters import Parameter
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimation import FilterHistory
+from inercal.estimation.innovations import StateEstimate
 from inercal.estimation.kalman import FilterSteps, allocate_steps
 from inercal.estimation.lazy_value import LazyValue
 from inercal.methods import temperature
@@ -42,14 +43,6 @@ from inercal.recordings import Track
 _NONE = np.zeros(0)
 TILT = ("phi_e", "phi_n", "phi_u")
 """φ: the error of the attitude that a filter uses, about east, north and up."""
-
-
-class FilterEstimate(NamedTuple):
-    """The current estimate of a filter: all states from the coefficients on."""
-
-    value: Array  # (s,)
-    covariance: Array  # (s, s)
-    shared_covariance: Array  # (p, p), of the coefficients due to gravity; no innovation shows it
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,8 +157,8 @@ class Filter(ABC, Generic[S]):
             sums.
         """
 
-    def estimate(self, state: S) -> FilterEstimate:
-        """Return the current estimate, with biases as means over the run so far."""
+    def estimate(self, state: S) -> StateEstimate:
+        """Return the states from the coefficients on, with biases as means over the run so far."""
         at, p = len(self.leading_states), len(self.initial_values)
         value, covariance = state.x[at:].copy(), state.p[at:, at:].copy()
         value[:p] += state.theta
@@ -173,7 +166,7 @@ class Filter(ABC, Generic[S]):
             sample, epoch, start = state.time[:3].tolist()
             self._refer_biases_to_mean(value, covariance, sample - start, sample - epoch)
         covariance[:p, :p] += self.shared_covariance
-        return FilterEstimate(value, covariance, self.shared_covariance)
+        return StateEstimate(value, covariance)
 
     def _refer_biases_to_mean(
         self, value: Array, covariance: Array, elapsed: float, since: float
@@ -195,30 +188,19 @@ class Filter(ABC, Generic[S]):
         covariance[np.ix_(biases, biases)] += moved[:, drift] @ by.T
         covariance[biases, biases] += beyond[axis] / weight**2
 
-    def mean_bias_transform(self, elapsed: float, since: float = 0.0) -> tuple[Array, Array]:
-        """Return the dependence of mean biases on the states, and their additional variance.
+    def mean_bias_transform(self, elapsed: float, since: float = 0.0) -> Array:
+        """Return the effect of each state on each mean bias, beyond the bias itself, (n, n).
 
-        Parameters
-        ----------
-        elapsed, since : float
-            The same as for `Drift.mean`.
-
-        Returns
-        -------
-        by : (n, n) array
-            Effect of each state on each coefficient, beyond the coefficient itself.
-        variance : (n,) array
-            Variance of the drift since the states were predicted.
+        The times are those of `Drift.mean`.
         """
-        part, n, at = self.triad, len(self.states), len(self.leading_states)
-        by, variance = np.zeros((n, n)), np.zeros(n)
+        part, at = self.triad, len(self.leading_states)
+        by = np.zeros((len(self.states), len(self.states)))
         first = at + len(self.initial_values)
-        rows, beyond = part.drift.mean(elapsed, since)
+        rows, _ = part.drift.mean(elapsed, since)
         for m in np.flatnonzero(part.terms.bias):
-            i, weight = part.terms.axis[m], part.terms.weights[m, BIAS]
-            by[at + m, first : first + part.drift.size] = rows[i] / weight
-            variance[at + m] = beyond[i] / weight**2
-        return by, variance
+            weight = part.terms.weights[m, BIAS]
+            by[at + m, first : first + part.drift.size] = rows[part.terms.axis[m]] / weight
+        return by
 
     def covariance(self, before: float) -> Array:
         """Return the prior covariance of the states, (n, n).
@@ -334,7 +316,7 @@ class RunningFilter(Generic[S]):
         return made
 
     @property
-    def estimate(self) -> FilterEstimate:
+    def estimate(self) -> StateEstimate:
         """The current estimate."""
         return self.filter.estimate(self.state)
 

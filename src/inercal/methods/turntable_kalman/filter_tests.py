@@ -20,6 +20,7 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.estimation import FilterHistory, ModelTest, ResidualGroup, ScoreTestSet, score_tests
 from inercal.estimation.candidate_scores import rows_from_products
 from inercal.estimation.innovations import (
+    StateEstimate,
     epoch_groups,
     group_innovations,
     mean_and_whiteness_tests,
@@ -36,7 +37,7 @@ from inercal.methods.turntable.score_columns import ColumnInputs, ConstantColumn
 from inercal.methods.turntable_kalman._accelerometers import VelocityState
 from inercal.methods.turntable_kalman._readback import AttitudeState
 from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
-from inercal.methods.turntable_kalman.filter import TILT, FilterEstimate
+from inercal.methods.turntable_kalman.filter import TILT
 from inercal.methods.turntable_kalman.filtered_track import FilteredTrack
 from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.recordings import Observations
@@ -62,7 +63,7 @@ class InnovationTestData(NamedTuple):
 
 
 def innovation_test_data(
-    made: AnyFilter, filtered: AnyTrack, found: FilterEstimate, priors: Priors
+    made: AnyFilter, filtered: AnyTrack, found: StateEstimate, priors: Priors
 ) -> InnovationTestData:
     """Return the data for testing a filter; `found` is its estimate at the end of the run."""
     track, time = filtered.track, filtered.history.time
@@ -89,7 +90,7 @@ def innovation_test_data(
         if made.triad.drift.mean_over_run:  # biases are estimated as means over the run
             end = float(track.time[-1])
             elapsed = end - float(track.time[0]), end - float(time[-1])
-            by, _ = made.mean_bias_transform(*elapsed)
+            by = made.mean_bias_transform(*elapsed)
             sums = sums._replace(moved=sums.moved + by @ sums.moved)
     if sums is not None and isinstance(made, GyroFilter):
         sums = _sums_for_time_states(made, found, names, sums)
@@ -171,7 +172,7 @@ def _without_effects_of_states(made: AnyFilter, some: ConstantColumns) -> Consta
 
 
 def _sums_for_time_states(
-    made: GyroFilter, found: FilterEstimate, some: tuple[ConstantColumn, ...], sums: OmittedSums
+    made: GyroFilter, found: StateEstimate, some: tuple[ConstantColumn, ...], sums: OmittedSums
 ) -> OmittedSums:
     """Return the sums; those for latency and clock states are computed from their estimates.
 
@@ -332,25 +333,17 @@ def residual_group(one: FilterResult, observations: Observations) -> ResidualGro
     """Return the mean innovations in each step of the run."""
     kept = one.course.nis > 0
     time, z = one.course.time[kept], one.course.innovation[kept, :3]
-    labels: list[str] = []
-    means: list[Array] = []
-    counts: list[int] = []
-    for label, middle, seconds in zip(
-        observations.labels, observations.time, observations.duration, strict=True
-    ):
-        at = np.abs(time - middle) <= seconds / 2
-        if at.any():
-            labels.append(label)
-            means.append(z[at].mean(axis=0))
-            counts.append(int(at.sum()))
-    residual = np.array(means).reshape(-1, 3)
+    every = zip(observations.labels, observations.time, observations.duration, strict=True)
+    parts = [(label, z[np.abs(time - t) <= seconds / 2]) for label, t, seconds in every]
+    parts = [(label, part) for label, part in parts if len(part)]
+    counts = np.array([len(part) for _, part in parts], dtype=float)
     return ResidualGroup(
         name=f"innovations of the {one.course.name}' filter, mean of each step",
         unit=one.unit,
-        labels=tuple(labels),
-        residual=residual,
+        labels=tuple(label for label, _ in parts),
+        residual=np.array([part.mean(axis=0) for _, part in parts]).reshape(-1, 3),
         # Innovations are independent.
-        sd=one.sd / np.sqrt(np.array(counts, dtype=float))[:, None] * np.ones(3),
+        sd=one.sd / np.sqrt(counts)[:, None] * np.ones(3),
         chi2=one.nis,
         dof=one.dof,
         spread=ScatterModel(excess=one.sd * float(np.sqrt(variance_inflation(one) - 1))),

@@ -122,7 +122,7 @@ class FilteredTrack(Generic[S]):
         if part.triad.drift.mean_over_run and elapsed.size:
             at = len(part.leading_states)
             first = at + len(part.initial_values)
-            whole = np.eye(wanted.shape[1]) + part.mean_bias_transform(float(elapsed[-1]))[0]
+            whole = np.eye(wanted.shape[1]) + part.mean_bias_transform(float(elapsed[-1]))
             for row, weights, name in zip(against, wanted, names, strict=True):
                 if name.startswith("drift["):
                     row[at:first] = weights[at:first]

@@ -11,7 +11,7 @@ Source: Aitken 1935, Proc. R. Soc. Edinburgh 55, 42–48 (generalised least squa
 IEEE TAC 13, 646–655 (innovations).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -248,9 +248,7 @@ def with_mean_biases(
         estimate,
         value=value,
         covariance=by @ estimate.covariance @ by.T + beyond,
-        scoring=estimate.scoring.then(
-            lambda score_tests: score_tests.with_shifts(lambda shift: by @ shift)
-        ),
+        scoring=estimate.scoring.then(lambda one: one.with_shifts(lambda shift: by @ shift)),
     )
 
 
@@ -287,20 +285,14 @@ def _tests(
 
 def _row_sets(
     sensor: Sensor, bench: Turntable, track: Track, epochs: Indices | None
-) -> list[TriadRows]:
+) -> Iterator[TriadRows]:
     kinds, run_duration = {axis.measures for axis in sensor.axes}, model.run_duration(track, None)
-    result: list[TriadRows] = []
     if "w" in kinds:
-        result.append(
-            RotationRows.from_track(
-                model.triad_model(sensor, "w", run_duration), bench, track, epochs
-            )
-        )
+        gyros = model.triad_model(sensor, "w", run_duration)
+        yield RotationRows.from_track(gyros, bench, track, epochs)
     if "f" in kinds:
-        result.append(
-            StaticRows.from_track(model.triad_model(sensor, "f", run_duration), bench, track)
-        )
-    return result
+        accelerometers = model.triad_model(sensor, "f", run_duration)
+        yield StaticRows.from_track(accelerometers, bench, track)
 
 
 def _coefficient_indices(part: TriadRows, sensor: Sensor) -> Indices:

@@ -220,7 +220,7 @@ class RotationRows:
         sides = [np.clip(self.epochs + side, 0, track.time.size - 1) for side in (-1, 1)]
         before, after = (reference_attitude(self.bench, track.angles[at]) for at in sides)
         lasting = track.time[sides[1]] - track.time[sides[0]]
-        rate = log_so3(after @ np.swapaxes(before, -1, -2)) / lasting[:, None]
+        rate = log_so3(after @ before.mT) / lasting[:, None]
         since = track.time[self.epochs] - track.time[0]
         result = self.by.copy()
         for name, by in (("latency", np.ones_like(since)), ("clock", since)):
@@ -308,7 +308,7 @@ class StaticRows:
         step = float(np.median(np.diff(track.time)))
         table = parameters(bench)
         seen = linear_misalignment(bench, angles)
-        back = np.swapaxes(reference_attitude(bench, angles), -1, -2)
+        back = reference_attitude(bench, angles).mT
         force = np.array([0.0, 0.0, bench.gravity.value])
         sensed = back @ force
         result, names = np.zeros((len(starts), 3, len(table))), [q.name for q in seen.parameters]
