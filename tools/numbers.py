@@ -23,8 +23,9 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 RECORD = ROOT / "tests" / "examples" / "numbers.json"
 ROUNDING = 1e-9  # of a standard uncertainty
-# The least uncertainty, SI, that counts: readings of order one hold no digits beyond 1e-9 of it.
-_FINEST = sys.float_info.epsilon / ROUNDING
+# The least uncertainty, SI, that counts: a difference of differences holds the last digits of four
+# readings of 1 g, and other processors round them otherwise.
+_FINEST = 4 * 9.80665 * sys.float_info.epsilon / ROUNDING
 STUDIES = ("centrifuge", "dual-orthogonal", "one-sensor", "ship-model", "turntable")
 TRIALS = "200"  # of a study: its claims need more, the comparison of numbers does not
 # After `calibrate` of every run file, whose results are in `RESULTS`/<run file without suffix>.
