@@ -1,7 +1,7 @@
 """Fit a run over several temperatures: include the errors of each soak, and choose the orders.
 
 1. A first fit with the highest orders gives the slopes ∂y/∂T, which convert an error of a soak's
-   temperature into an error of the readings (`inercal.recordings.environment.soaks`).
+   temperature into an error of the readings (`inercal.recordings.environment`).
 2. The orders of bias, scale factor and misalignment with the smallest AIC are chosen
    (`inercal.pipeline.temperature_orders`).
 3. Each soak is omitted once. The rows of a soak increase χ² by χ²(all) − χ²(without this soak).
@@ -36,9 +36,9 @@ from inercal.pipeline.temperature_orders import (
 )
 from inercal.recordings import Finding, Observations
 from inercal.recordings.data import EstimatorInput
-from inercal.recordings.environment import Environment
-from inercal.recordings.environment.soaks import (
+from inercal.recordings.environment import (
     SOAK_SPREAD,
+    Environment,
     SoakLoop,
     changed_by_soak_errors,
     distinct_levels,
