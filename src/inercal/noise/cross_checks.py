@@ -169,18 +169,3 @@ def slopes(oadev: Deviations) -> Estimates:
         "B": (least / float(np.sqrt(FLICKER_FLOOR)), np.inf),
         "K": (float(middle[walk] * np.sqrt(3 / middle_tau[walk])), np.inf),
     }
-
-
-def slope_bias(white: float, flicker: float, walk: float) -> dict[str, float]:
-    """Return the factors by which B, and N at 1 s, are too large if read off the Allan plot.
-
-    Parameters
-    ----------
-    white, flicker, walk : float
-        N, B and K from the fit, SI; N and B must be above 0.
-    """
-    floor = FLICKER_FLOOR * flicker**2
-    return {
-        "N": float(np.sqrt(1 + floor / white**2 + walk**2 / (3 * white**2))),
-        "B": float(np.sqrt(1 + 2 * white * walk / (np.sqrt(3) * floor))),
-    }

@@ -208,10 +208,6 @@ def _difference_variance(x: Array, m: int, kind: str) -> tuple[float, int]:
     return total / (count * (6.0 if hadamard else 2.0) * m**2), count
 
 
-def _summed_twice(x: Array) -> Array:
-    return np.concatenate([[0.0], np.cumsum(x - x.mean())])
-
-
 def _modified_variance(doubled: Array, m: int) -> tuple[float, int]:
     total, count = sum_of_squared_differences(doubled, m, _HADAMARD, stride_of(m))
     return total / (count * 2.0 * float(m) ** 4), count
@@ -237,7 +233,7 @@ def variance(x: Array, m: int, kind: str) -> tuple[float, int]:
         One of `KINDS`; for "tdev", the modified variance is returned.
     """
     if kind in ("mdev", "tdev"):
-        return _modified_variance(_summed_twice(x), m)
+        return _modified_variance(cumulative_sum(x), m)
     if kind == "totdev":
         return _total_variance(x, m)
     if kind == "htot":
@@ -311,7 +307,7 @@ def _variances(
             sums = [(m, *sum_of_squared_differences(x, m, ALLAN, stride)) for m, stride in steps]
             found = [(total / (count * 2.0 * m**2), count) for m, total, count in sums]
         elif kind in ("mdev", "tdev"):
-            doubled = _summed_twice(x)
+            doubled = cumulative_sum(x)
             found = [_modified_variance(doubled, int(m)) for m in factors]
         else:
             found = [variance(x, int(m), kind) for m in factors]

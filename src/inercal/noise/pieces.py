@@ -239,34 +239,26 @@ def gap_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
         filled[at + 1 : at + 1 + len(one)] = 1.0
     np.cumsum(x, out=x)
     np.cumsum(filled, out=filled)
-    factors: list[int] = []
-    squares: list[float] = []
-    counts: list[int] = []
-    shares: list[float] = []
     every = spacing == "all"
     candidates = averaging_factors(n, spacing, _PHASES).tolist()
     strides = {m: 1 if every else stride_of(m) for m in candidates}
-    for m in candidates:
-        total, count, possible = _masked_sum(x, filled, m, strides[m])
-        if count:
-            factors.append(m)
-            squares.append(total / (2.0 * count))
-            counts.append(count)
-            shares.append(count / possible)
+    sums = {m: _masked_sum(x, filled, m, strides[m]) for m in candidates}
+    factors = [m for m, (_, count, _) in sums.items() if count]
+    totals, counts, possible = np.array([sums[m] for m in factors]).T
     # The noise type is only a label and is identified from the samples as if there were no gaps.
     closed = cumulative_sum(np.concatenate([one.values for one in parts]))
     alphas = [identify_noise(closed, m) for m in factors]
     found = with_intervals(
         "oadev",
         np.array(factors),
-        np.array(squares),
-        counts,
+        totals / (2.0 * counts),
+        counts.astype(int).tolist(),
         alphas,
         n,
         dt,
         np.array([strides[m] for m in factors]),
     )
-    edf = np.maximum(found.edf * np.array(shares), 1.0)
+    edf = np.maximum(found.edf * (counts / possible), 1.0)
     low, high = interval(found.value, edf)
     return replace(found, low=low, high=high, edf=edf)
 

@@ -37,8 +37,7 @@ def _filter_object(output: OutputFilter | None) -> dict[str, Any] | None:
     return {
         "shape": output.shape.name,
         "poles": output.shape.poles,
-        "cutoff": output.cutoff,
-        "u": output.u,
+        **attributes(output, "cutoff u"),
         "power_at_half_rate": output.at_half_rate,
         "floor": sqrt(output.floor),
         "known_floor": sqrt(output.known_floor),
@@ -48,12 +47,10 @@ def _filter_object(output: OutputFilter | None) -> dict[str, Any] | None:
 
 def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
     return {
-        "channel": channel.channel,
-        "quantity": channel.quantity,
+        **attributes(channel, "channel quantity"),
         "samples": channel.n,
         "interval": channel.dt,
-        "mean": channel.mean,
-        "method": channel.method,
+        **attributes(channel, "mean method"),
         "model": channel.fit.symbols,
         "coefficients": [
             {
@@ -84,9 +81,7 @@ def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
             "tau": float(channel.oadev.tau[channel.oadev.lowest]),
         },
         "deviations": {
-            kind: {
-                name: getattr(one, name) for name in ("tau", "value", "low", "high", "edf", "label")
-            }
+            kind: attributes(one, "tau value low high edf label")
             for kind, one in channel.deviations.items()
         },
     }
