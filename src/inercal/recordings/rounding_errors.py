@@ -211,19 +211,22 @@ def _rounded_channels(
 
 
 def add_rounding(
-    sensor: Sensor, rounding: RoundingErrors, covariance: Array, variance: Array
-) -> tuple[RoundingErrors, Array, tuple[str, ...]]:
+    sensor: Sensor, rounding: RoundingErrors | None, covariance: Array, variance: Array
+) -> tuple[RoundingErrors | None, Array, tuple[str, ...]]:
     """Return the errors with their channels, the covariance including the errors, and notes.
 
     Parameters
     ----------
     sensor : Sensor
-    rounding : RoundingErrors
+    rounding : RoundingErrors or None
+        None if rounding leaves no error; the covariance is then returned unchanged.
     covariance : (..., r, m, m) array
         Covariance of the means, without rounding errors.
     variance : (m,) array
         Variance of the rounding error of a mean, SI.
     """
+    if rounding is None:
+        return None, covariance, ()
     channels = _rounded_channels(sensor, rounding.steps, covariance, variance)
     added = rounding.variances[:, :, None] * np.eye(variance.size)
     notes = _rounding_notes(sensor, channels)

@@ -296,7 +296,7 @@ class RunBase(Generic[D]):
         """The run with its magnetometers among the axes of its sensor."""
         return replace(self, sensor=self.whole_sensor, magnetometer=None)
 
-    @property
+    @cached_property
     def steps(self) -> tuple[Step, ...]:
         """The nominal plan, designed on first access because a hand-held plan takes seconds.
 
@@ -305,10 +305,6 @@ class RunBase(Generic[D]):
         InputError
             No plan is possible with the options of [method].
         """
-        return self._steps
-
-    @cached_property
-    def _steps(self) -> tuple[Step, ...]:
         with error_location(f"{self.path}: [method]", file=self.path, key="[method]"):
             return self.plan()
 

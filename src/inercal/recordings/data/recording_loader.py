@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import inf
 from pathlib import Path
 from typing import cast
@@ -338,11 +339,11 @@ def _column_rate(run: RunBase[DataSection]) -> float | None:
         return 1.0  # the rows have an order, but nothing depends on their times
     stamped = run.data.time is not None and run.data.time_unit != "sample"
     if run.rate_hz is None and not stamped:
-        raise InputError(
-            f'{run.path}: [data] rate is missing: state the rate, such as rate = "100 Hz", or name '
-            'the column of times in the key `time`; for a table of means state kind = "means"',
-            file=run.path,
-            key="[data] rate",
+        raise key_error(
+            "[data] rate",
+            'is missing: state the rate, such as rate = "100 Hz", or name the column of times in '
+            'the key `time`; for a table of means state kind = "means"',
+            run.path,
         )
     return None if stamped else run.rate_hz
 
@@ -360,13 +361,11 @@ def stated_deviations(run: RunBase[DataSection]) -> dict[str, float]:
     for name, text in run.data.sd.items():
         measures, like = likes[name]
         key = f"[data.sd] {name}"
-        where = f"{run.path}: {key}"
+        where, refusal = f"{run.path}: {key}", partial(InputError, file=run.path, key=key)
         readouts = [a.readout for a in run.whole_sensor.axes if a.measures == measures]
         if not readouts:
-            raise InputError(
-                f"{where}: the sensor has no {name}; add [sensor.{name}], or remove the key",
-                file=run.path,
-                key=key,
+            raise refusal(
+                f"{where}: the sensor has no {name}; add [sensor.{name}], or remove the key"
             )
         try:
             deviations[measures] = parse_quantity(text, like).value
@@ -378,11 +377,9 @@ def stated_deviations(run: RunBase[DataSection]) -> dict[str, float]:
             try:
                 deviations[measures] = si_value(text, unit, where) / si_factor(unit) / abs(scale)
             except InputError:
-                raise InputError(
-                    f"{where}: {error}, or in the unit of the readings, {unit!r}",
-                    file=run.path,
-                    key=key,
+                raise refusal(
+                    f"{where}: {error}, or in the unit of the readings, {unit!r}"
                 ) from None
         if deviations[measures] <= 0:
-            raise InputError(f"{where}: {text!r} must be positive", file=run.path, key=key)
+            raise refusal(f"{where}: {text!r} must be positive")
     return deviations

@@ -16,6 +16,7 @@ import numpy as np
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_small_file
 from inercal.basics.units import format_count
+from inercal.physics.section_settings import key_error
 from inercal.recordings import Finding, Mark, Recording, segments
 from inercal.recordings.data import DataSection, RestsSection, RunBase
 from inercal.recordings.io.read import read_table
@@ -92,11 +93,11 @@ def check_rests(
     if run.data.marks != "found":
         return check_marked_rests(run, recording, marks)
     if run.data.accept_moving is not None:
-        raise InputError(
-            f"{run.path}: [data] accept_moving is only for marks that you give, because "
-            "detected rests do not move; remove accept_moving",
-            file=run.path,
-            key="[data] accept_moving",
+        raise key_error(
+            "[data] accept_moving",
+            "is only for marks that you give, because detected rests do not move; remove "
+            "accept_moving",
+            run.path,
         )
     return ()
 

@@ -139,8 +139,8 @@ class Table:
     columns: dict[str, Column]
     source: str
     sha256: str
-    first_line: int
-    header: bool
+    first_line: int = 0
+    header: bool = True
     block: Array | None = None
     kept_corrections: str = ""
     line_breaks: LineBreaks = ()

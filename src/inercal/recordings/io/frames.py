@@ -9,15 +9,9 @@ from numpy.typing import NDArray
 
 from inercal.basics.errors import InputError
 from inercal.recordings import Recording
+from inercal.recordings.io import column_table
 from inercal.recordings.io.audit import audit, require_accepted
-from inercal.recordings.io.column_table import (
-    Column,
-    ReadRequest,
-    Table,
-    label_array,
-    refuse_unequal_lengths,
-    select_columns,
-)
+from inercal.recordings.io.column_table import Column, ReadRequest, Table
 from inercal.recordings.io.table_recording import Columns, read_request, recording_from_table
 
 
@@ -68,18 +62,20 @@ def table_from_frame(frame: Any, wanted: ReadRequest, name: str = "frame") -> Ta
         column contains neither numbers, dates nor text.
     """
     names = _names(frame, name)
-    chosen = select_columns(names, wanted.names, name)
+    chosen = column_table.select_columns(names, wanted.names, name)
     found = {column: _column(frame, column, name) for column in chosen}
-    refuse_unequal_lengths({column: values.size for column, values in found.items()}, name)
+    column_table.refuse_unequal_lengths(
+        {column: values.size for column, values in found.items()}, name
+    )
     rows = next(iter(found.values())).size if found else 0
     if rows == 0:
         raise InputError(f"{name} has no rows", names=tuple(chosen))
     read: dict[str, Column] = {}
     for column, values in found.items():
         if values.dtype.kind == "O" or (column in wanted.text and values.dtype.kind in "iub"):
-            read[column] = label_array([_text(one) for one in values], column, name)
+            read[column] = column_table.label_array([_text(one) for one in values], column, name)
         elif values.dtype.kind == "U":
-            read[column] = label_array(cast(Sequence[str], values), column, name)
+            read[column] = column_table.label_array(cast(Sequence[str], values), column, name)
         elif column in wanted.whole:
             read[column] = wanted.number_column(column, values)
     blank, block = wanted.empty_columns(rows, [column for column in chosen if column not in read])
@@ -89,15 +85,8 @@ def table_from_frame(frame: Any, wanted: ReadRequest, name: str = "frame") -> Ta
     digest = sha256()
     for column in chosen:
         digest.update(column.encode() + b"\0" + np.ascontiguousarray(read[column]).tobytes())
-    return Table(
-        tuple(names),
-        {column: read[column] for column in chosen},
-        name,
-        digest.hexdigest(),
-        0,
-        header=True,
-        block=block,
-    )
+    columns = {column: read[column] for column in chosen}
+    return Table(tuple(names), columns, name, digest.hexdigest(), block=block)
 
 
 def _names(frame: Any, name: str) -> list[str]:

@@ -12,23 +12,14 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.recordings.io import variables
 from inercal.recordings.io.column_table import ReadRequest, Table
 from inercal.recordings.io.isolation import Isolation
 from inercal.recordings.io.readers import Reader
-from inercal.recordings.io.variables import (
-    CELL,
-    COMPLEX,
-    FUNCTION,
-    OBJECT,
-    SPARSE,
-    STRUCTS,
-    Variable,
-    column_blocks,
-    number_columns,
-    table_from_variables,
-)
+from inercal.recordings.io.variables import Variable
 
 ELSEWHERE = "is stored outside this file or assembled from others: save its values in this file"
+_FUNCTION = "function_handle"  # class of function handles in MATLAB
 _MOST_PACKED = 1100  # largest compression ratio; deflate reaches 1032
 
 
@@ -48,8 +39,8 @@ def read_hdf5(path: Path, wanted: ReadRequest) -> Table:
     InputError
         The variables do not form a table.
     """
-    with _opened(path) as variables:
-        return table_from_variables(path, variables, wanted)
+    with _opened(path) as found:
+        return variables.table_from_variables(path, found, wanted)
 
 
 def long_columns(path: Path) -> tuple[tuple[str, ...], int] | None:
@@ -57,8 +48,8 @@ def long_columns(path: Path) -> tuple[tuple[str, ...], int] | None:
 
     Return None if one of them is text.
     """
-    with _opened(path) as variables:
-        return number_columns(variables)
+    with _opened(path) as found:
+        return variables.number_columns(found)
 
 
 def long_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
@@ -70,8 +61,8 @@ def long_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
     names : sequence of str
         Names from `long_columns`.
     """
-    with _opened(path) as variables:
-        yield from column_blocks(variables, names)
+    with _opened(path) as found:
+        yield from variables.column_blocks(found, names)
 
 
 @contextmanager
@@ -135,9 +126,9 @@ def _variables(h5py: Any, group: Any, before: str, seen: set[int]) -> Iterator[V
         elif isinstance(item, h5py.Group):
             address = h5py.h5o.get_info(item.id).addr
             if "MATLAB_sparse" in item.attrs:
-                yield Variable(name, refused=SPARSE)
+                yield Variable(name, refused=variables.SPARSE)
             elif kind not in ("", "struct"):
-                yield Variable(name, refused=FUNCTION if kind == "function_handle" else OBJECT)
+                yield variables.matlab_object(name, is_function=kind == _FUNCTION)
             elif address not in seen:
                 seen.add(address)
                 yield from _variables(h5py, item, f"{name}.", seen)
@@ -151,8 +142,8 @@ def _matlab_class(item: Any) -> str:
 
 def _variable(h5py: Any, data: Any, name: str, kind: str) -> Variable:
     """Return a data set as a variable."""
-    if "MATLAB_object_decode" in data.attrs or kind == "function_handle":
-        return Variable(name, refused=FUNCTION if kind == "function_handle" else OBJECT)
+    if "MATLAB_object_decode" in data.attrs or kind == _FUNCTION:
+        return variables.matlab_object(name, is_function=kind == _FUNCTION)
     if not data.size or "MATLAB_empty" in data.attrs:
         return Variable(name, refused="is empty")
     if data.external or data.is_virtual:
@@ -161,16 +152,16 @@ def _variable(h5py: Any, data: Any, name: str, kind: str) -> Variable:
         return Variable(name, refused=f"{data.shape} is not stored completely in the file")
     if h5py.check_ref_dtype(data.dtype) is not None:
         if kind != "cell":
-            return Variable(name, refused=STRUCTS)
+            return Variable(name, refused=variables.STRUCTS)
         first = data.file[data[(0,) * data.ndim]]
-        refused = "" if _matlab_class(first) == "char" else CELL
+        refused = "" if _matlab_class(first) == "char" else variables.CELL
         return Variable(name, (data.size,), partial(_cell_texts, data), text=True, refused=refused)
     if kind == "char":
         return Variable(name, (data.shape[-1],), partial(_character_rows, data), text=True)
     if h5py.check_string_dtype(data.dtype) is not None:
         return Variable(name, (data.size,), partial(_texts, data), text=True)
     if data.dtype.names == ("real", "imag") or data.dtype.kind == "c":
-        return Variable(name, refused=COMPLEX)
+        return Variable(name, refused=variables.COMPLEX)
     if data.dtype.kind not in "fiub":
         return Variable(name, refused=f"has the type {data.dtype}, neither numbers nor text")
     plain = Variable(name, data.shape, lambda: data, transposed=kind != "")
@@ -199,7 +190,9 @@ def _cell_texts(data: Any) -> list[str]:
             texts += _character_rows(cell)
         else:
             name = data.name[1:]
-            raise InputError(f"{Path(data.file.filename).name}: {name!r} {CELL}", names=(name,))
+            raise InputError(
+                f"{Path(data.file.filename).name}: {name!r} {variables.CELL}", names=(name,)
+            )
     return texts
 
 

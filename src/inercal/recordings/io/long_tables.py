@@ -65,7 +65,7 @@ class LongTable:
         columns: dict[str, Column] = {
             name: np.ascontiguousarray(values[:, k]) for k, name in enumerate(self.names)
         }
-        return Table(self.names, columns, self.path.name, "", 0, header=True)
+        return Table(self.names, columns, self.path.name, "")
 
     def sha256(self) -> str:
         """Return the file's SHA-256 in hexadecimal."""

@@ -10,19 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.errors import InputError
+from inercal.recordings.io import variables
 from inercal.recordings.io.column_table import ReadRequest, Table, shorten
 from inercal.recordings.io.isolation import Isolation
 from inercal.recordings.io.readers import Reader
-from inercal.recordings.io.variables import (
-    CELL,
-    COMPLEX,
-    FUNCTION,
-    OBJECT,
-    SPARSE,
-    STRUCTS,
-    Variable,
-    table_from_variables,
-)
+from inercal.recordings.io.variables import Variable
 
 _NUMBERS = {"double", "single", "logical"} | {
     f"{u}int{b}" for u in ("", "u") for b in (8, 16, 32, 64)
@@ -45,7 +37,7 @@ def read_mat(path: Path, wanted: ReadRequest) -> Table:
         The variables do not form a table.
     """
     scipy_io: Any = import_module("scipy.io")
-    return table_from_variables(path, _variables(path, scipy_io), wanted)
+    return variables.table_from_variables(path, _variables(path, scipy_io), wanted)
 
 
 def _variables(path: Path, scipy_io: Any) -> list[Variable]:
@@ -60,7 +52,7 @@ def _variables(path: Path, scipy_io: Any) -> list[Variable]:
     def load(name: str) -> Any:
         value = scipy_io.loadmat(path, variable_names=[name], **options)[name]
         if hasattr(value, "tocsc"):  # sparse logical matrices are listed as full matrices
-            raise InputError(f"{path.name}: {name!r} {SPARSE}", names=(name,))
+            raise InputError(f"{path.name}: {name!r} {variables.SPARSE}", names=(name,))
         return value
 
     # Other entries, whose names begin with "__", belong to MATLAB's function workspace.
@@ -73,14 +65,15 @@ def _variable(
     """Yield a listed variable, or the variables that it contains."""
     if kind in _NUMBERS:
         yield Variable(name, shape, partial(load, name))
+    elif kind == "sparse":
+        yield Variable(name, refused=variables.SPARSE)
     elif kind in ("char", "cell", "struct"):
         try:
             yield from _contents(name, load(name))
         except Exception as error:  # SciPy raises many kinds of errors for unreadable content
             yield Variable(name, refused=f"cannot be read: {shorten(str(error), 120)}")
     else:
-        reasons = {"sparse": SPARSE, "function": FUNCTION}
-        yield Variable(name, refused=reasons.get(kind, OBJECT))
+        yield variables.matlab_object(name, is_function=kind == "function")
 
 
 def _contents(name: str, value: Any) -> Iterator[Variable]:
@@ -89,11 +82,14 @@ def _contents(name: str, value: Any) -> Iterator[Variable]:
     if kind == "MatlabOpaque":  # before SciPy 1.18, its name is only stored inside it
         inside = value.size and "s0" in (value.dtype.names or ())
         known = np.ravel(value)[0]["s0"] if inside else name
-        yield Variable(known.decode() if isinstance(known, bytes) else name, refused=OBJECT)
+        name = known.decode() if isinstance(known, bytes) else name
+        yield variables.matlab_object(name, is_function=False)
     elif kind in ("MatlabFunction", "MatlabObject"):
-        yield Variable(name, refused=FUNCTION if kind == "MatlabFunction" else OBJECT)
+        yield variables.matlab_object(name, is_function=kind == "MatlabFunction")
     elif not isinstance(value, np.ndarray):
-        yield Variable(name, refused=SPARSE if hasattr(value, "tocsc") else "cannot be read")
+        yield Variable(
+            name, refused=variables.SPARSE if hasattr(value, "tocsc") else "cannot be read"
+        )
     else:
         yield from _array(name, cast(NDArray[Any], value))
 
@@ -101,20 +97,20 @@ def _contents(name: str, value: Any) -> Iterator[Variable]:
 def _array(name: str, array: NDArray[Any]) -> Iterator[Variable]:
     if array.dtype.names is not None:
         if array.size != 1:
-            yield Variable(name, refused=STRUCTS if array.size else "is empty")
+            yield Variable(name, refused=variables.STRUCTS if array.size else "is empty")
             return
         for field in array.dtype.names:
             yield from _contents(f"{name}.{field}", array.flat[0][field])
     elif array.dtype.kind == "O":
         texts = [_text(cell) for cell in array.flat]
         words = [text for text in texts if text is not None]
-        refused = "" if len(words) == len(texts) else CELL
+        refused = "" if len(words) == len(texts) else variables.CELL
         yield Variable(name, (len(texts),), lambda: words, text=True, refused=refused)
     elif array.dtype.kind == "U":
         rows = [str(row).rstrip() for row in array.flat]
         yield Variable(name, (len(rows),), lambda: rows, text=True)
     elif array.dtype.kind == "c":
-        yield Variable(name, refused=COMPLEX)
+        yield Variable(name, refused=variables.COMPLEX)
     else:
         yield Variable(name, array.shape, lambda: array)
 

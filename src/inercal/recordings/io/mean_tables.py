@@ -174,11 +174,10 @@ def observations_from_table(
         )
     mean, covariance = sensor.to_si(output), deviation[..., None] ** 2 * np.eye(len(sensor.axes))
     digits = _rounding_of_digits(output, deviation, sensor)
-    rounding, notes = digits.errors_of_means(mean), tuple[str, ...]()
+    rounding, even = digits.errors_of_means(mean), digits.step**2 / 12
     if rounding is not None:
-        even = digits.step**2 / 12
         rounding = rounding.with_independent(even - digits.variance)
-        rounding, covariance, notes = add_rounding(sensor, rounding, covariance, even)
+    rounding, covariance, notes = add_rounding(sensor, rounding, covariance, even)
     return Observations(
         labels=labels,
         mean=mean,

@@ -30,15 +30,8 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.recordings.io.column_table import (
-    Column,
-    ReadRequest,
-    Table,
-    file_sha256,
-    select_columns,
-    shorten,
-    whole_number_labels,
-)
+from inercal.recordings.io import column_table
+from inercal.recordings.io.column_table import Column, ReadRequest, Table, shorten
 from inercal.recordings.io.readers import Option
 from inercal.recordings.io.time_stamps import nearest_samples
 
@@ -262,7 +255,7 @@ def table_from_messages(path: Path, messages: Sequence[Messages], wanted: ReadRe
     """
     source = path.name
     names = (TIME, *(column for topic in messages for column in topic.columns))
-    chosen = select_columns(names, wanted.names, source)
+    chosen = column_table.select_columns(names, wanted.names, source)
     for topic in messages:
         if not topic.time.size:
             raise InputError(
@@ -288,14 +281,16 @@ def table_from_messages(path: Path, messages: Sequence[Messages], wanted: ReadRe
             topic = of[name]
             values = topic.fields[name.removeprefix(f"{topic.topic}.")]
             place[:] = values[at[topic.topic][keep]]
-        columns[name] = whole_number_labels(place).astype(np.str_) if name in wanted.text else place
+        columns[name] = (
+            column_table.whole_number_labels(place).astype(np.str_)
+            if name in wanted.text
+            else place
+        )
     return Table(
         names,
         columns,
         source,
-        file_sha256(path),
-        0,
-        header=True,
+        column_table.file_sha256(path),
         block=block,
         kept_corrections="; ".join(text for one in messages for text in one.kept_corrections),
         devices=", ".join(f"{name} {number}" for name, number in devices.items()),

@@ -57,9 +57,7 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
         zipfile.ZipFile(path).close()  # NumPy would accept other files as arrays
     with np.load(path, allow_pickle=False) as archive:
         names, columns, block = _columns(archive, wanted, path.name)
-    return Table(
-        names, columns, path.name, column_table.file_sha256(path), 0, header=True, block=block
-    )
+    return Table(names, columns, path.name, column_table.file_sha256(path), block=block)
 
 
 def _single_array(path: Path, wanted: ReadRequest) -> Table:
@@ -74,7 +72,7 @@ def _single_array(path: Path, wanted: ReadRequest) -> Table:
     arrays = {str(name): part for name, part in parts.items()}
     names, columns, block = _columns(arrays, wanted, path.name)
     sha256 = column_table.file_sha256(path)
-    return Table(names, columns, path.name, sha256, 0, header=fields is not None, block=block)
+    return Table(names, columns, path.name, sha256, header=fields is not None, block=block)
 
 
 def _columns(

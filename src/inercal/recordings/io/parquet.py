@@ -9,16 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.errors import InputError, require_extra
-from inercal.recordings.io.column_table import (
-    BLOCK_ROWS,
-    Array,
-    Column,
-    ReadRequest,
-    Table,
-    file_sha256,
-    label_array,
-    select_columns,
-)
+from inercal.recordings.io import column_table
+from inercal.recordings.io.column_table import Array, Column, ReadRequest, Table
 from inercal.recordings.io.isolation import Isolation
 from inercal.recordings.io.readers import Reader
 
@@ -43,7 +35,7 @@ def read_parquet(path: Path, wanted: ReadRequest) -> Table:
     pyarrow = _pyarrow()
     schema = pyarrow.parquet.read_schema(path)
     names = tuple(str(name) for name in schema.names)
-    chosen = select_columns(names, wanted.names, path.name)
+    chosen = column_table.select_columns(names, wanted.names, path.name)
     texts = [k for k in chosen if _is_text(pyarrow, schema.field(k).type, k, False, path.name)]
     with pyarrow.parquet.ParquetFile(
         path,
@@ -53,7 +45,7 @@ def read_parquet(path: Path, wanted: ReadRequest) -> Table:
         read_dictionary=texts,  # a long text that many rows have is decoded once
     ) as file:
         columns, block = _columns(pyarrow, file, chosen, wanted, path.name)
-    return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
+    return Table(names, columns, path.name, column_table.file_sha256(path), block=block)
 
 
 def _columns(
@@ -73,7 +65,9 @@ def _columns(
         name: [] for name in chosen if name in wanted.whole and name not in words
     }
     start = 0
-    for batch in file.iter_batches(batch_size=BLOCK_ROWS, columns=chosen, use_threads=False):
+    for batch in file.iter_batches(
+        batch_size=column_table.BLOCK_ROWS, columns=chosen, use_threads=False
+    ):
         stop = start + batch.num_rows
         for name in chosen:
             values = batch.column(name)
@@ -140,7 +134,7 @@ def _labels(values: Any, name: str, source: str) -> NDArray[np.str_]:
     encoded = values if hasattr(values, "dictionary") else values.dictionary_encode()
     texts = ["", *("" if one is None else str(one) for one in encoded.dictionary.to_pylist())]
     places = encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.intp)
-    return label_array(texts, name, source)[places + 1]
+    return column_table.label_array(texts, name, source)[places + 1]
 
 
 def _numbers(pyarrow: Any, values: Any) -> NDArray[Any]:

@@ -76,10 +76,9 @@ def _read(
     """Read a table; without a scan, raise ValueError if the file is not plain or has more rows."""
     layout = sniff(path, skip)
     names = select_columns(layout.names, wanted.names, path.name)
-    words = {k for k, name in enumerate(layout.names) if name in names} & (
-        layout.text_columns | {k for k, name in enumerate(layout.names) if name in wanted.text}
-    )
-    numbers = {k for k, name in enumerate(layout.names) if name in names} - words
+    chosen = {k for k, name in enumerate(layout.names) if name in names}
+    words = {k for k in chosen if k in layout.text_columns or layout.names[k] in wanted.text}
+    numbers = chosen - words
     blank, block = wanted.empty_columns(most_rows, [layout.names[k] for k in sorted(numbers)])
     places = {str(k): blank[layout.names[k]] for k in numbers}
     plain = load_plain(path, layout, places, words)
@@ -104,11 +103,7 @@ def _read(
     for name in names:
         k = layout.names.index(name)
         read[name] = labels[k] if k in words else blank[name][:n]
-        if (
-            name in wanted.whole
-            and k not in words
-            and (np.abs(blank[name][:n]).max(initial=0.0) > _LARGEST_EXACT)
-        ):
+        if name in wanted.whole and k not in words:
             read[name] = _whole_numbers(path, layout, k, blank[name][:n])
     # If there are comments or blank lines between the data, row k is not line first_line + k.
     rows_are_lines = layout.first_line + n - 1 == found.lines
@@ -127,7 +122,9 @@ def _read(
 
 
 def _whole_numbers(path: Path, layout: TextLayout, column: int, read: Array) -> Column:
-    """Return a column as int64, or as it was read if not all cells are whole numbers."""
+    """Return a column as int64; as it was read if that is exact, or if not all cells are whole."""
+    if not np.abs(read).max(initial=0.0) > _LARGEST_EXACT:  # also if a cell is empty
+        return read
     with path.open(encoding="utf-8-sig") as file, warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # raised for a cell such as 1.7e18
         warnings.simplefilter("ignore", UserWarning)

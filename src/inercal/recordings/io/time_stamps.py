@@ -12,6 +12,7 @@ import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from fractions import Fraction
+from functools import partial
 from math import floor, isfinite
 from typing import Any
 
@@ -22,7 +23,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
 from inercal.recordings import Indices
 from inercal.recordings.io.column_table import Array, Table, shorten
-from inercal.recordings.io.wrapped_numbers import unwrap_stamps
+from inercal.recordings.io.wrapped_numbers import Stamps, unwrap_stamps
 
 SLOWEST_HZ, FASTEST_HZ = 1.0, 50e3  # of recordings; at other rates the unit is wrong
 _UNSTATED_HZ = 5.0  # if no unit is stated: 1 to 5 kHz in ms would be taken for 1 to 5 Hz
@@ -43,8 +44,6 @@ _CLOCK = re.compile(r"\d\d:\d\d:\d\d.*")  # a time of day needs its colons and s
 _NS = 10**9
 _DAY = 86_400 * _NS
 _INT64_ORIGIN = 2**62  # with a smaller origin, differences from it do not overflow
-
-Stamps = Array | NDArray[np.int64]
 
 
 def times_from_origin(
@@ -114,27 +113,22 @@ def require_unit(
         unit.
     """
     unit_key, rate_key = keys
+    error = partial(InputError, file=source, key=unit_key, names=(column,))
     rate = _rate(stamps)
     if unit is None:
         # The unit at the end of the column's name, if it is not s.
         if (found := _NAMED.search(column)) is not None:
             named = found.lastgroup
-            raise InputError(
+            raise error(
                 f"{source}: column {column!r} has {named} in its name, but without a stated "
-                f'unit it is read in s: state {unit_key} = "{named}"',
-                file=source,
-                key=unit_key,
-                names=(column,),
+                f'unit it is read in s: state {unit_key} = "{named}"'
             )
         since = _epoch_unit(stamps)
         if since not in (None, "s"):
-            raise InputError(
+            raise error(
                 f"{source}: times of {stamps[np.isfinite(stamps)][0]:.6g} in column {column!r}"
                 f" look like {since} since 1970, but without a stated unit they are read in s: "
-                f'state {unit_key} = "{since}"',
-                file=source,
-                key=unit_key,
-                names=(column,),
+                f'state {unit_key} = "{since}"'
             )
     if rate is None:
         return
@@ -158,12 +152,9 @@ def require_unit(
         advice = f"state the unit of the stamps, {unit_key}"
     if rate_key is not None:
         advice += f'; if {hz:.3g} Hz is right, remove the column and state {rate_key} = "…"'
-    raise InputError(
+    raise error(
         f"{source}: column {column!r} in {in_force} gives {hz:.3g} samples per second, outside "
-        f"{slowest:g} Hz to {FASTEST_HZ / 1e3:g} kHz: {advice}",
-        file=source,
-        key=unit_key,
-        names=(column,),
+        f"{slowest:g} Hz to {FASTEST_HZ / 1e3:g} kHz: {advice}"
     )
 
 

@@ -99,6 +99,11 @@ class Variable:
         return (self.name,) if count == 1 else tuple(f"{self.name}({k + 1})" for k in range(count))
 
 
+def matlab_object(name: str, *, is_function: bool) -> Variable:
+    """Return the variable for a function handle or another object of MATLAB, which is refused."""
+    return Variable(name, refused=FUNCTION if is_function else OBJECT)
+
+
 def table_from_variables(path: Path, variables: Sequence[Variable], wanted: ReadRequest) -> Table:
     """Convert the variables in a file to a table.
 
@@ -127,9 +132,7 @@ def table_from_variables(path: Path, variables: Sequence[Variable], wanted: Read
     read, block = _read([found[name][0] for name in chosen], chosen, wanted, source)
     others = {name: v.length for name, v, _ in columns if name not in names and not v.text}
     digest = column_table.file_sha256(path)
-    return Table(
-        tuple(names), read, source, digest, 0, header=True, block=block, other_lengths=others
-    )
+    return Table(tuple(names), read, source, digest, block=block, other_lengths=others)
 
 
 def number_columns(variables: Sequence[Variable]) -> tuple[tuple[str, ...], int] | None:

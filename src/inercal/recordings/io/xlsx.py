@@ -136,16 +136,9 @@ def _table(path: Path, rows: Iterator[tuple[int, list[Cell]]], wanted: ReadReque
         else:
             blank[name][:] = np.frombuffer(numbers[name])
             columns[name] = blank[name]
-    unbroken = lines[-1] - lines[0] + 1 == len(lines)
-    return Table(
-        names,
-        columns,
-        source,
-        column_table.file_sha256(path),
-        lines[0] if unbroken else 0,
-        heading.header,
-        block=block,
-    )
+    first_line = lines[0] if lines[-1] - lines[0] + 1 == len(lines) else 0
+    sha256 = column_table.file_sha256(path)
+    return Table(names, columns, source, sha256, first_line, heading.header, block=block)
 
 
 def _add(

@@ -210,10 +210,8 @@ def average_dwells(
         recording.data, columns, sensor, [(d.mark.start, d.mark.stop) for d in dwells]
     )
     mean, covariance = np.concatenate(means), np.repeat(covariance, k, axis=0)
-    rounding = coarse.errors_of_means(mean)
-    notes: tuple[str, ...] = ()
-    if rounding is not None:
-        rounding, covariance, notes = add_rounding(sensor, rounding, covariance, coarse.variance)
+    errors = coarse.errors_of_means(mean)
+    rounding, covariance, notes = add_rounding(sensor, errors, covariance, coarse.variance)
     samples = np.array([d.mark.stop - d.mark.start for d in dwells])
     starts = np.array([recording.time[d.mark.start] for d in dwells])
     drift = drift_covariance(

@@ -284,9 +284,7 @@ def average_sections(
         trial = recording.data.reshape(-1, *recording.data.shape[-2:])[0]
         crossed = steps_of_readings.crossed([section(step, trial) for step in used])
         rounding = steps_of_readings.errors_of_means(mean, crossed)
-    if rounding is not None:
-        rounding, covariance, further = add_rounding(sensor, rounding, covariance, coarse)
-        notes = (*notes, *further)
+    rounding, covariance, further = add_rounding(sensor, rounding, covariance, coarse)
     return Observations(
         labels=tuple(step.label for step in used),
         mean=mean,
@@ -300,7 +298,7 @@ def average_sections(
         drift_mean=course,
         rounding=rounding,
         tests=tests,
-        notes=notes,
+        notes=(*notes, *further),
         temperature=of_rows,
     )
 
