@@ -20,8 +20,7 @@ from tests.noise.generator import DEG_H, MEMS, TACTICAL, draw
 
 from inercal.noise.coefficients import estimate_coefficients
 from inercal.noise.deviations import deviations
-from inercal.noise.disturbances import find_disturbances
-from inercal.noise.lines import take_out_lines
+from inercal.noise.disturbances import find_disturbances, take_out_lines
 from inercal.noise.selection import Selection, select_terms
 from inercal.noise.spectrum import Bins, make_bins, piece_spectra
 

@@ -9,9 +9,8 @@ from tests.noise.generator import MEMS, TACTICAL, Truth, draw
 
 from inercal.noise.cross_checks import allan_covariance, gmwm, slopes, wls_log
 from inercal.noise.deviations import deviations
-from inercal.noise.disturbances import find_disturbances
+from inercal.noise.disturbances import find_disturbances, take_out_lines
 from inercal.noise.likelihood import NoiseFit, fit_terms, profile_limits
-from inercal.noise.lines import take_out_lines
 from inercal.noise.selection import ratio_limit, select_terms
 from inercal.noise.spectrum import Bins, make_bins, piece_spectra
 from inercal.noise.terms import TERMS

@@ -21,10 +21,9 @@ from inercal.noise.channel_model import ChannelSummary, conclude, selection_with
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, SensorKind
 from inercal.noise.coefficients import Method
 from inercal.noise.deviations import Deviations, Spacing, deviations
-from inercal.noise.disturbances import Disturbance, find_disturbances
+from inercal.noise.disturbances import Disturbance, SpectralLine, find_disturbances, take_out_lines
 from inercal.noise.drift_regression import drift_regressors
 from inercal.noise.likelihood import NoiseFit
-from inercal.noise.lines import SpectralLine, take_out_lines
 from inercal.noise.pieces import (
     FEWEST,
     Part,
@@ -246,10 +245,7 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
     quantity = channel_noise.quantity_of(unit, name)
     size = si_factor(unit)
     parts = [
-        Part(np.ascontiguousarray(values[:, k]) * size, start, warmth)
-        for values, start, warmth in zip(
-            pieces.values, pieces.starts, pieces.temperatures, strict=True
-        )
+        replace(one, values=np.ascontiguousarray(one.values[:, k]) * size) for one in pieces.parts
     ]
     remarks = list(check_rounding([one.values for one in parts], name, recording.source))
     every = parts

@@ -23,12 +23,11 @@ from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient, NoiseRef
 from inercal.noise.coefficients import Method, estimate_coefficients, possible_method, undetermined
 from inercal.noise.cross_checks import Estimates
 from inercal.noise.deviations import Deviations
-from inercal.noise.disturbances import Disturbance
+from inercal.noise.disturbances import Disturbance, SpectralLine
 from inercal.noise.drift_regression import DriftFit, find_drift, warm_up_size
 from inercal.noise.filter_search import FilterSearch
 from inercal.noise.goodness import judge_fit
 from inercal.noise.likelihood import extended, fit_terms
-from inercal.noise.lines import SpectralLine
 from inercal.noise.selection import Selection, select_terms
 from inercal.noise.spectrum import Bins, Spectrum, make_bins
 from inercal.noise.texts import SHOWN_UNIT

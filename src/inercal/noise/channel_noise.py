@@ -6,11 +6,10 @@ from math import inf
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
 from inercal.noise.deviations import Deviations
-from inercal.noise.disturbances import Disturbance
+from inercal.noise.disturbances import Disturbance, SpectralLine
 from inercal.noise.drift_regression import DriftTerm
 from inercal.noise.goodness import Goodness
 from inercal.noise.likelihood import NoiseFit
-from inercal.noise.lines import SpectralLine
 from inercal.noise.output_filter import OutputFilter
 from inercal.noise.selection import Selection
 from inercal.noise.spectrum import Bins

@@ -80,9 +80,7 @@ def _squares_of_subsequences(series: Array, m: int) -> tuple[float, int]:
     return total, len(windows)
 
 
-DeviationKind = Literal["adev", "oadev", "mdev", "hdev", "ohdev", "tdev", "totdev", "htot", "mtot"]
 Spacing = Literal["octave", "decade", "all"]
-KINDS: tuple[str, ...] = get_args(DeviationKind)
 SPACINGS: tuple[str, ...] = get_args(Spacing)
 FULL_OVERLAP = 1024  # largest averaging factor at which every difference is used
 _OVERLAP = 16  # number of differences within an averaging time above `FULL_OVERLAP`
@@ -90,8 +88,9 @@ _MANY = 100  # with more averaging factors, noise types and edf are interpolated
 _COMPILED_FROM, _COMPILED_FACTORS = 2e7, 1000  # samples times factors; number of factors
 _PIECE = 1 << 15  # number of samples that stay in the processor's cache
 ALLAN, _HADAMARD = (1.0, -2.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
-_PHASES = {"adev": 2, "oadev": 2, "mdev": 3, "tdev": 3, "hdev": 3, "ohdev": 3,
+_PHASES = {"adev": 2, "oadev": 2, "mdev": 3, "hdev": 3, "ohdev": 3, "tdev": 3,
            "totdev": 1, "htot": 3, "mtot": 3}  # fmt: skip
+KINDS = tuple(_PHASES)
 
 
 _FEWEST_EDF = 20.0  # the 95 % interval then reaches from 0.77 to 1.45 times the value

@@ -1,10 +1,18 @@
-"""Find steps, knocks and bursts in a recording at rest, with their time, size and duration.
+"""Find what is not noise in a recording at rest: steps, knocks, bursts and spectral lines.
 
 (a) A step at time t changes the mean. The difference |mean after − mean before| over averaging
 times of 1 to 128 s is compared with its scatter √2 σ(τ). This scatter is estimated robustly from
 the median of all differences. (b) A burst increases the variance of the differences between
 neighbouring samples in windows of 10 s. Both limits were chosen from simulations of undisturbed
 recordings with white noise, flicker and random walk.
+
+Lines (vibration, mains hum) are removed before the terms are fitted. The level of the spectrum at k
+is the running median of c_k² divided by 0.455, the median of χ²₁. A coefficient belongs to a line
+if c_k² divided by this level exceeds the χ²₁ quantile for the probability .0001/n. The window of
+the median becomes wider with k: at high k, a narrow window would scatter, and at low k, a wide
+window would not follow the spectrum of drift. A line includes two neighbours on each side, and a
+strong line includes all coefficients that its leakage reaches. If the squares of several segments
+are averaged, χ² has as many degrees of freedom as there are segments.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +22,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.noise.numerics import chi_squared_above
-from inercal.noise.spectrum import block_means
+from inercal.noise.spectrum import Spectrum, block_means
 
 CHANGE_LIMIT = 6.0  # √2 σ(τ), for steps and knocks
 BURST_LEVEL = 0.00003  # nominal probability per channel; the actual tail is heavier than χ²
@@ -93,8 +101,8 @@ def _without_bursts(y: Array, dt: float, bursts: list[Disturbance]) -> Array:
     return work
 
 
-def mean_changes(y: Array, dt: float) -> tuple[list[int], list[Array], list[float]]:
-    """Return factors m, the differences of means at each sample for each m, and their scatters.
+def mean_changes(y: Array, dt: float) -> list[tuple[int, Array, float]]:
+    """Return factors m, each with the differences of means at each sample, and their scatter.
 
     The difference at i is mean(y[i : i+m]) − mean(y[i−m : i]), and 0 within m of both ends. If
     there is no scatter, it is returned as infinity.
@@ -105,15 +113,13 @@ def mean_changes(y: Array, dt: float) -> tuple[list[int], list[Array], list[floa
         factors.append(factors[-1] * 2)
     factors = [m for m in factors if y.size >= _FEWEST * m]
     x = np.concatenate([[0.0], np.cumsum(y - y.mean())])
-    differences: list[Array] = []
-    scatters: list[float] = []
+    found: list[tuple[int, Array, float]] = []
     for m in factors:
         change = np.zeros(y.size)
         change[m : y.size - m + 1] = (x[2 * m :] - 2 * x[m:-m] + x[: -2 * m]) / m
         scale = float(np.median(np.abs(change[m : y.size - m + 1]))) / _MEDIAN
-        differences.append(change)
-        scatters.append(scale if scale > 0 else np.inf)
-    return factors, differences, scatters
+        found.append((m, change, scale if scale > 0 else np.inf))
+    return found
 
 
 def find_changes(y: Array, dt: float) -> list[Disturbance]:
@@ -125,24 +131,21 @@ def find_changes(y: Array, dt: float) -> list[Disturbance]:
     removed: set[tuple[int, int]] = set()
     work = y.astype(np.float64, copy=True)
     for _ in range(_MOST):
-        factors, changes, scatters = mean_changes(work, dt)
-        if not factors:
+        changes = mean_changes(work, dt)
+        if not changes:
             break
         # Extremes are compared first, because arrays of scores would need as much memory as all
         # changes.
-        scores = [
-            max(float(one.max()), -float(one.min())) / scatter
-            for one, scatter in zip(changes, scatters, strict=True)
-        ]
+        scores = [max(float(one.max()), -float(one.min())) / scatter for _, one, scatter in changes]
         best = int(np.argmax(scores))
         if scores[best] <= CHANGE_LIMIT:
             break
-        one, start, stop, size = _describe(work, dt, factors[best], changes[best], scatters[best])
+        one, start, stop, size = _describe(work, dt, *changes[best])
         if (start, stop) in removed:  # this change was already removed, and a rest remains
             break
         work[start:stop] -= size
         removed.add((start, stop))
-        if abs(one.size) > _NO_SIZE * float(np.abs(changes[best]).max()):
+        if abs(one.size) > _NO_SIZE * float(np.abs(changes[best][1]).max()):
             found.append(one)
     return found
 
@@ -306,3 +309,69 @@ def _extent(y: Array, start: int, stop: int, size: int, ratio: float) -> tuple[i
     end = int(np.argmax(excess - lowest))
     begin = int(np.argmin(excess[: end + 1]))
     return start + begin, start + max(end, begin + 1)
+
+
+_FALSE = 0.0001  # expected number of false lines in a spectrum
+_NARROWEST, _WIDEST = 101, 2001  # number of coefficients in the running median
+_LOWEST = 128  # below this k, the spectrum of drift is too steep for a median
+_NEIGHBOURS = 2
+_LEAKAGE = 0.2  # of the level; a line with power P leaks P/(π d)² to a distance d
+_JOINED = 32  # largest gap within a line; a short vibration widens a line
+
+
+@dataclass(frozen=True)
+class SpectralLine:
+    """A line: the frequency of a sinusoid, Hz, and its amplitude in the unit of the series."""
+
+    frequency: float
+    amplitude: float
+
+
+def take_out_lines(spectrum: Spectrum) -> tuple[Spectrum, tuple[SpectralLine, ...]]:
+    """Return the spectrum without its lines, and the lines."""
+    first = max(spectrum.first, _LOWEST)
+    power = spectrum.power[first - 1 : spectrum.last - 1]
+    if power.size < _NARROWEST:
+        return spectrum, ()
+    segments = spectrum.segments
+    level = running_median(power, first) / (chi_squared_above(segments, 0.5) / segments)
+    limit = chi_squared_above(segments, _FALSE / power.size) / segments
+    above = np.flatnonzero(power > limit * level)
+    if not above.size:
+        return spectrum, ()
+    kept = spectrum.kept.copy()
+    lines: list[SpectralLine] = []
+    for group in np.split(above, np.flatnonzero(np.diff(above) > _JOINED) + 1):
+        peak = float((power[group] / level[group]).max())
+        reach = max(_NEIGHBOURS, int(np.sqrt(_LEAKAGE * peak)))
+        low, high = max(int(group[0]) - reach, 0), int(group[-1]) + reach + 1
+        kept[first - 1 + low : first - 1 + high] = False
+        excess = np.maximum(power[low:high] - level[low:high], 0.0)
+        place = first + low + float(excess @ np.arange(excess.size) / excess.sum())
+        amplitude = np.sqrt(2 * excess.sum() / spectrum.n)
+        lines.append(SpectralLine(place / (2 * spectrum.n * spectrum.dt), float(amplitude)))
+    return replace(spectrum, kept=kept), tuple(lines)
+
+
+def running_median(power: Array, first: int) -> Array:
+    """Return the running median around each value, interpolated in logarithms.
+
+    Parameters
+    ----------
+    power : (m,) array
+        Squared coefficients first, first + 1, ….
+    first : int
+        Number k of the first coefficient. A window contains k/2 coefficients, but at least 101 and
+        at most 2001.
+    """
+    centres: list[int] = []
+    medians: list[float] = []
+    k = first
+    while k < first + power.size:
+        half = int(np.clip(k // 4, _NARROWEST // 2, _WIDEST // 2))
+        window = power[max(k - half - first, 0) : k + half + 1 - first]
+        centres.append(k if k - half >= first else first + window.size // 2)
+        medians.append(float(np.median(window)))
+        k += max(half // 2, 1)
+    logs = np.interp(np.log(np.arange(first, first + power.size)), np.log(centres), np.log(medians))
+    return np.exp(logs)

@@ -10,9 +10,8 @@ with REML, it is 0.994.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.noise.likelihood import NoiseFit, fit_again
 from inercal.noise.numerics import dct2, pseudo_inverse
 from inercal.noise.selection import CANDIDATES, Selection, select_terms
@@ -76,9 +75,7 @@ def _model(fit: NoiseFit, low: Spectrum, bins: Bins) -> Array:
     return total
 
 
-def _generalised(
-    c: Array, x: Array, model: Array, kept: NDArray[np.bool_]
-) -> tuple[Array, Array, Array]:
+def _generalised(c: Array, x: Array, model: Array, kept: Bools) -> tuple[Array, Array, Array]:
     """Return β, its covariance, and the share of each coefficient that β explains."""
     weight = kept / model
     size = np.sqrt((x**2).sum(axis=0))

@@ -108,12 +108,8 @@ def filter_text(noise: SensorNoise, horizon: float) -> str:
     return "\n".join([*lines, ""])
 
 
-def _limited(triad: TriadNoise) -> str:
-    return ": upper limit (95 %)" if "K" in triad.limits else ""
-
-
 def _triad_lines(triad: TriadNoise, unit: str, longest: float) -> list[str]:
-    dt = 1 / require_rate(triad)
+    dt, limited = 1 / require_rate(triad), ": upper limit (95 %)" if "K" in triad.limits else ""
     white, flicker, walk, markov = (
         root_mean_of_squares([one.get(symbol, 0.0) for one in triad.axes]) for symbol in "NBKG"
     )
@@ -122,7 +118,7 @@ def _triad_lines(triad: TriadNoise, unit: str, longest: float) -> list[str]:
         f"  white_variance: {white**2 * dt:.6e}  # N² Δ, ({unit})² s²"
         if white
         else "  # white_variance: no white noise is stated",
-        f"  walk_variance: {walk**2 * dt:.6e}  # K² Δ, ({unit})²{_limited(triad)}"
+        f"  walk_variance: {walk**2 * dt:.6e}  # K² Δ, ({unit})²{limited}"
         if walk
         else "  # walk_variance: no random walk is stated",
     ]

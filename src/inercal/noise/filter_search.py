@@ -294,16 +294,11 @@ def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> Filte
     without = 2 * plain + len(symbols) * problem.scale
     weight = np.exp(-0.5 * np.array([one.criterion - best.criterion for one in polished]))
     # Fits of the same shape that converge to the same cut-off are one candidate.
-    seen: list[FilterFit] = []
     for k, one in enumerate(polished):
-        if any(
-            one.shape is other.shape
-            and one.has_floor == other.has_floor
-            and abs(one.log_cutoff - other.log_cutoff) < _SLOPE_STEP
-            for other in seen
-        ):
+        alike = [other for other in polished[:k] if other.shape is one.shape]
+        near = [other for other in alike if abs(one.log_cutoff - other.log_cutoff) < _SLOPE_STEP]
+        if any(one.has_floor == other.has_floor for other in near):
             weight[k] = 0
-        seen.append(one)
     values = np.sqrt([max(one.white, 0.0) for one in polished]) / np.sqrt(max(best.white, 1e-300))
     mean = float(weight @ values / weight.sum())
     spread = float(np.sqrt(weight @ (values - mean) ** 2 / weight.sum()))

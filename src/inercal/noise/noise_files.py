@@ -121,19 +121,6 @@ def walk_for_filter(
     return 0.0, f"neither a random walk nor a bias instability is {done}"
 
 
-def _require_walk(noise: TriadNoise, horizon: float, *, is_data_sheet: bool) -> tuple[float, str]:
-    """Return K and its origin; raise an error if K is zero, because filters do not accept this."""
-    walk, why = walk_for_filter(noise, horizon, is_data_sheet=is_data_sheet)
-    if not walk:
-        raise InputError(
-            f"[datasheet.{noise.quantity}] states neither random_walk nor bias_instability, but "
-            "Kalibr, VINS-Fusion and FAST-LIO need one of them; add it, or record the sensor at "
-            "rest",
-            key=f"[datasheet.{noise.quantity}] random_walk",
-        )
-    return walk, why
-
-
 def _white(noise: TriadNoise, *, is_data_sheet: bool) -> float:
     if "N" in noise.values:
         return noise.values["N"][0]
@@ -183,7 +170,14 @@ def _blocks(noise: SensorNoise, horizon: float, program: str) -> tuple[list[_Blo
             missing.append(f"# {'gyroscope' * (quantity == 'gyro') or quantity}: {_absence(noise)}")
             continue
         rate = require_rate(triad)
-        walk, why = _require_walk(triad, horizon, is_data_sheet=noise.is_data_sheet)
+        walk, why = walk_for_filter(triad, horizon, is_data_sheet=noise.is_data_sheet)
+        if not walk:  # filters do not accept this
+            raise InputError(
+                f"[datasheet.{quantity}] states neither random_walk nor bias_instability, but "
+                "Kalibr, VINS-Fusion and FAST-LIO need one of them; add it, or record the sensor "
+                "at rest",
+                key=f"[datasheet.{quantity}] random_walk",
+            )
         white = _white(triad, is_data_sheet=noise.is_data_sheet)
         blocks.append(_Block(quantity, white, walk, why, rate))
     if not blocks:

@@ -22,9 +22,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_duration
 from inercal.noise.confidence import identify_noise, interval
@@ -46,38 +45,13 @@ _IRREGULAR_BLOCK = 4  # length of a block of equal time, in median time steps
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
-    """Series without gaps, cut from one recording.
-
-    Parameters
-    ----------
-    dt : float
-        Sampling interval Δ, s.
-    values : tuple of (n_i, m) array
-        Readings of all channels in each piece.
-    starts : tuple of float
-        Start time of each piece, s after the first sample of the recording.
-    temperatures : tuple of (n_i,) array or None
-        Temperature in each piece, K.
-    remarks : tuple of str
-        Remarks on data that were skipped or excluded, and on gaps.
-    """
-
-    dt: float
-    values: tuple[Array, ...]
-    starts: tuple[float, ...]
-    temperatures: tuple[Array | None, ...]
-    remarks: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
 class Part:
-    """Successive samples of one channel, without gaps.
+    """Successive samples of one channel or of all channels, without gaps.
 
     Parameters
     ----------
-    values : (n,) array
-        Readings in SI units.
+    values : (n,) or (n, m) array
+        Readings of one channel in SI units, or of all channels in their units.
     start : float
         Start time, s after the first sample of the recording.
     temperature : (n,) array or None
@@ -89,12 +63,31 @@ class Part:
     temperature: Array | None = None
 
     def __len__(self) -> int:
-        return self.values.size
+        return len(self.values)
 
     def slice_samples(self, first: int, stop: int, dt: float) -> "Part":
         """Return the samples first … stop − 1."""
         warmth = None if self.temperature is None else self.temperature[first:stop]
         return Part(self.values[first:stop], self.start + first * dt, warmth)
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Series without gaps, cut from one recording.
+
+    Parameters
+    ----------
+    dt : float
+        Sampling interval Δ, s.
+    parts : tuple of Part
+        The pieces, with the readings of all channels, (n_i, m).
+    remarks : tuple of str
+        Remarks on data that were skipped or excluded, and on gaps.
+    """
+
+    dt: float
+    parts: tuple[Part, ...]
+    remarks: tuple[str, ...]
 
 
 def split_at_gaps(recording: Recording) -> Pieces:
@@ -139,7 +132,7 @@ def split_at_gaps(recording: Recording) -> Pieces:
 
 
 def _cut(
-    recording: Recording, time: Array, dt: float, bounds: NDArray[np.int64], remarks: list[str]
+    recording: Recording, time: Array, dt: float, bounds: Indices, remarks: list[str]
 ) -> Pieces:
     spans = [(int(a), int(b)) for a, b in pairwise(bounds)]
     kept = [(a, b) for a, b in spans if b - a >= SHORTEST_PIECE]
@@ -160,13 +153,11 @@ def _cut(
             file=recording.source or None,
         )
     warmth = recording.temperature
-    return Pieces(
-        dt,
-        tuple(recording.data[a:b] for a, b in kept),
-        tuple(float(time[a]) for a, _ in kept),
-        tuple(None if warmth is None else warmth[a:b] for a, b in kept),
-        tuple(remarks),
-    )
+    parts = [
+        Part(recording.data[a:b], float(time[a]), None if warmth is None else warmth[a:b])
+        for a, b in kept
+    ]
+    return Pieces(dt, tuple(parts), tuple(remarks))
 
 
 def _equal_blocks(recording: Recording, time: Array, dt: float) -> Pieces:
@@ -265,7 +256,7 @@ def gap_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
 
 def _masked_sum(x: Array, filled: Array, m: int, stride: int) -> tuple[float, int, int]:
     """Return Σ (mean − mean)² over the usable pairs, their number, and the number of all pairs."""
-    starts: NDArray[np.int64] = np.arange(0, x.size - 2 * m, stride)
+    starts: Indices = np.arange(0, x.size - 2 * m, stride)
     total, count = 0.0, 0
     for first in range(0, starts.size, _BLOCK):
         i = starts[first : first + _BLOCK]

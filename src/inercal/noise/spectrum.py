@@ -16,9 +16,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.noise.numerics import cosine_sums, dct2, sine_sums
 from inercal.noise.output_filter import OutputFilter
@@ -98,7 +97,7 @@ class Spectrum:
     segments: int
     first: int
     last: int
-    kept: NDArray[np.bool_]
+    kept: Bools
 
 
 @lru_cache(maxsize=256)
@@ -181,7 +180,7 @@ class Bins:
     frequency: Array
     spectra: tuple[Spectrum, ...]
     dt: float
-    used: NDArray[np.bool_] = field(repr=False)
+    used: Bools = field(repr=False)
     fine: bool = False
     effect: FilterEffect | None = None
     limit: float = np.inf
@@ -194,17 +193,14 @@ class Bins:
     @cached_property
     def ends(self) -> tuple[Array, Array]:
         """Lowest and highest frequency of each bin, Hz, extended by half a coefficient."""
-        low: list[Array] = []
-        high: list[Array] = []
-        for one in self.spectra:
-            edges = (np.array(bin_edges(one.first, one.last, fine=self.fine)) - 0.5) / (
-                2 * one.n * one.dt
-            )
-            low.append(edges[:-1])
-            high.append(edges[1:])
+        edges = [
+            (np.array(bin_edges(one.first, one.last, fine=self.fine)) - 0.5) / (2 * one.n * one.dt)
+            for one in self.spectra
+        ]
+        low, high = ([one[:-1] for one in edges], [one[1:] for one in edges])
         return np.concatenate(low)[self.used], np.concatenate(high)[self.used]
 
-    def take(self, chosen: NDArray[np.bool_]) -> "Bins":
+    def take(self, chosen: Bools) -> "Bins":
         """Return the chosen bins, without a filter."""
         used = self.used.copy()
         used[np.flatnonzero(self.used)[~chosen]] = False
@@ -283,9 +279,7 @@ class Bins:
 
 def make_bins(spectra: Sequence[Spectrum], dt: float, *, fine: bool = False) -> Bins:
     """Return the bins of spectra, without bins that contain no kept coefficient."""
-    power: list[Array] = []
-    weight: list[Array] = []
-    frequency: list[Array] = []
+    parts: list[tuple[Array, Array, Array]] = []
     for one in spectra:
         edges = np.array(bin_edges(one.first, one.last, fine=fine))
         part = slice(one.first - 1, one.last - 1)
@@ -293,20 +287,11 @@ def make_bins(spectra: Sequence[Spectrum], dt: float, *, fine: bool = False) -> 
         starts = edges[:-1] - one.first
         count = np.add.reduceat(kept, starts)
         total = np.add.reduceat(one.power[part] * kept, starts)
-        power.append(total / np.maximum(count, 1))
-        weight.append(count * one.segments)
-        frequency.append((edges[:-1] + edges[1:] - 1) / 2 / (2 * one.n * one.dt))
-    weights = np.concatenate(weight)
-    used = weights > 0
-    return Bins(
-        np.concatenate(power)[used],
-        weights[used],
-        np.concatenate(frequency)[used],
-        tuple(spectra),
-        dt,
-        used,
-        fine,
-    )
+        middle = (edges[:-1] + edges[1:] - 1) / 2 / (2 * one.n * one.dt)
+        parts.append((total / np.maximum(count, 1), count * one.segments, middle))
+    power, weight, frequency = (np.concatenate(column) for column in zip(*parts, strict=True))
+    used = weight > 0
+    return Bins(power[used], weight[used], frequency[used], tuple(spectra), dt, used, fine)
 
 
 def require_bands(bands: Sequence[Band], dt: float) -> None:

@@ -16,8 +16,8 @@ from inercal.basics.units import si_factor
 from inercal.noise.analysis import candidate_models
 from inercal.noise.channel_model import ChannelSummary, conclude
 from inercal.noise.channel_noise import SI_UNIT, NoiseAnalysis, quantity_of
+from inercal.noise.disturbances import take_out_lines
 from inercal.noise.drift_regression import drift_regressors
-from inercal.noise.lines import take_out_lines
 from inercal.noise.pieces import FEWEST, join_deviations
 from inercal.noise.recording_checks import check_rest_units
 from inercal.noise.spectrum import Band, remove_band, require_bands
