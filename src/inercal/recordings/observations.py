@@ -6,9 +6,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.recordings.magnetic import MagneticReadings
 from inercal.recordings.rounding_errors import (
@@ -225,7 +224,7 @@ class Observations:
         if self.temperature is not None:
             self._refuse(~np.isfinite(self.temperature), "temperature", not_finite)
 
-    def _refuse(self, bad: NDArray[np.bool_] | np.bool_, key: str, what: str) -> None:
+    def _refuse(self, bad: Bools | np.bool_, key: str, what: str) -> None:
         if not bad.any():
             return
         row = int(np.argmax(np.reshape(bad, (-1, len(self.labels))).any(0)))

@@ -19,9 +19,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.units import format_number, format_quantity
 from inercal.basics.units.expression import read_unit
 from inercal.estimation.uncertainty.rounding import mean_rounding_variance
@@ -53,7 +52,7 @@ class ReadingSteps:
 
     step: Array
     noise: Array
-    dead_band: NDArray[np.bool_]
+    dead_band: Bools
     text: Array
 
     @property
@@ -107,7 +106,7 @@ class ReadingSteps:
             between[..., k] = variance[k] * (near + np.diag(own))
         return RoundingErrors(between, self)
 
-    def as_at_rest(self, off: Array, first: int) -> NDArray[np.bool_]:
+    def as_at_rest(self, off: Array, first: int) -> Bools:
         """Return which readings may have the same rounding error as the rests.
 
         Parameters

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.recordings.samples import Indices
 from inercal.recordings.temperature import temperature_varies
@@ -24,7 +23,7 @@ class AngleQuality(NamedTuple):
     noise_gain: Array  # (n,)
     interpolation_sd: Array  # (n,) rad
 
-    def where(self, rows: "NDArray[np.bool_] | Indices | slice") -> "AngleQuality":
+    def where(self, rows: "Bools | Indices | slice") -> "AngleQuality":
         """Return the angle quality at some of the samples."""
         return AngleQuality(self.noise_gain[rows], self.interpolation_sd[rows])
 
@@ -105,7 +104,7 @@ class Track:
             return self
         return self._select(np.isfinite(self.angle_quality.interpolation_sd))
 
-    def _select(self, at: "NDArray[np.bool_] | slice") -> "Track":
+    def _select(self, at: "Bools | slice") -> "Track":
         quality, t = self.angle_quality, self.temperature
         return replace(
             self,

@@ -7,7 +7,7 @@ or "x_a".
 import json
 import re
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -186,20 +186,17 @@ def _number(given: Any) -> float:
 
 
 def _mark(path: Path, label: str, entry: object) -> Mark:
+    refusal = partial(InputError, file=path, names=(label,))
     try:
         start, end = (_number(entry[key]) for key in ("start", "end"))  # type: ignore[index]
     except (TypeError, KeyError, ValueError):
-        raise InputError(
-            f"{path}: mark {label!r} does not state the numbers 'start' and 'end'; add them",
-            file=path,
-            names=(label,),
+        raise refusal(
+            f"{path}: mark {label!r} does not state the numbers 'start' and 'end'; add them"
         ) from None
     if not (start.is_integer() and end.is_integer()):
-        raise InputError(
+        raise refusal(
             f"{path}: mark {label!r}: start and end must be whole sample numbers, not {start:g} "
-            f"and {end:g}",
-            file=path,
-            names=(label,),
+            f"and {end:g}"
         )
     return Mark(label, int(start), int(end))
 

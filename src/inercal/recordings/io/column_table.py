@@ -297,6 +297,11 @@ def shorten(text: str, length: int = 40) -> str:
     return text[: length - 1].rstrip(" ,;") + "…" if cut else text
 
 
+def column_error(source: str, name: str, text: str, kind: str = "column") -> InputError:
+    """Return the error for a column of a file: "log.npz: column 'ax' …"."""
+    return InputError(f"{source}: {kind} {name!r} {text}", names=(name,))
+
+
 def label_array(values: Sequence[str], column: str, source: str) -> NDArray[np.str_]:
     """Return a column of text, (n,) of str.
 
@@ -307,12 +312,11 @@ def label_array(values: Sequence[str], column: str, source: str) -> NDArray[np.s
     """
     longest = max(values, key=len, default="")
     if len(longest) > LONGEST_LABEL:
-        raise InputError(
-            f"{source}: column {column!r} has a text of {len(longest)} characters ("
-            f"{shorten(longest)}), but a label may have at most {LONGEST_LABEL}; name another "
-            "column",
-            names=(column,),
+        text = (
+            f"has a text of {len(longest)} characters ({shorten(longest)}), but a label may have "
+            f"at most {LONGEST_LABEL}; name another column"
         )
+        raise column_error(source, column, text)
     return np.array(values, dtype=np.str_)
 
 

@@ -33,17 +33,11 @@ HEAD = b"\xa3\x95"
 _FMT, _FMT_BYTES = 128, 89
 _BLOCK = 1 << 20  # bytes
 _damaged = partial(message_columns.damaged_log, "a DataFlash log")
-# Type and factor by letter; text and the arrays with letter "a" are not numbers.
+# Type and factor by letter; text and the arrays with letter "a" are not numbers. Most letters of
+# numbers are also the letters of NumPy.
 _LETTERS: dict[str, tuple[str, float]] = {
+    **{letter: (f"<{letter}", 1) for letter in "bBhHiIqQfd"},
     "a": ("V64", 0),
-    "b": ("i1", 1),
-    "B": ("u1", 1),
-    "h": ("<i2", 1),
-    "H": ("<u2", 1),
-    "i": ("<i4", 1),
-    "I": ("<u4", 1),
-    "f": ("<f4", 1),
-    "d": ("<f8", 1),
     "g": ("<f2", 1),
     "n": ("S4", 0),
     "N": ("S16", 0),
@@ -54,8 +48,6 @@ _LETTERS: dict[str, tuple[str, float]] = {
     "E": ("<u4", 0.01),
     "L": ("<i4", 1e-7),
     "M": ("u1", 1),
-    "q": ("<i8", 1),
-    "Q": ("<u8", 1),
 }
 
 
@@ -87,12 +79,8 @@ class LoggedType:
     def numbers(self) -> dict[str, NDArray[Any]]:
         """Return the fields that contain numbers, in the physical units of the log."""
         records = self.records
-        found: dict[str, NDArray[Any]] = {}
-        for name, letter in zip(self.fields, self.letters, strict=True):
-            factor = _LETTERS[letter][1]
-            if factor:
-                found[name] = records[name] if factor == 1 else records[name] * factor
-        return found
+        factors = {n: _LETTERS[c][1] for n, c in zip(self.fields, self.letters, strict=True)}
+        return {n: records[n] if k == 1 else records[n] * k for n, k in factors.items() if k}
 
 
 def read_messages(path: Path, wanted: Callable[[str], bool]) -> dict[str, LoggedType]:

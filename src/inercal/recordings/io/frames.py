@@ -125,10 +125,8 @@ def _column(frame: Any, column: str, name: str) -> NDArray[Any]:
     # With a time zone pandas converts to UTC.
     values = np.asarray(held, "datetime64[ns]") if kind == "M" else np.asarray(held)
     if values.ndim != 1:
-        raise InputError(
-            f"{name}: column {column!r} has the shape {values.shape}; give each axis a column",
-            names=(column,),
-        )
+        text = f"has the shape {values.shape}; give each axis a column"
+        raise column_table.column_error(name, column, text)
     if values.dtype.kind == "M":
         return np.datetime_as_string(values.astype("datetime64[ns]"))
     if values.dtype.kind == "m":
@@ -136,10 +134,8 @@ def _column(frame: Any, column: str, name: str) -> NDArray[Any]:
     if values.dtype.kind == "O":
         return _objects(values)
     if values.dtype.kind not in "fiubU":
-        raise InputError(
-            f"{name}: column {column!r} has the type {values.dtype}; give real numbers or text",
-            names=(column,),
-        )
+        text = f"has the type {values.dtype}; give real numbers or text"
+        raise column_table.column_error(name, column, text)
     return values
 
 

@@ -129,10 +129,8 @@ def _array(archive: Any, name: str, source: str) -> NDArray[Any]:
     try:
         array: NDArray[Any] | bytes = archive[name]
     except ValueError as error:  # NumPy raises it for pickled objects and for broken headers
-        raise InputError(
-            f"{source}: array {name!r} is damaged or contains objects; save plain numbers",
-            names=(name,),
-        ) from error
+        text = "is damaged or contains objects; save plain numbers"
+        raise column_table.column_error(source, name, text, "array") from error
     if isinstance(array, bytes):  # NumPy returns members that are not arrays as bytes
         raise InputError(
             f"{source}: {name!r} is not an array; if the file is a workbook, save it as CSV",
@@ -144,17 +142,13 @@ def _array(archive: Any, name: str, source: str) -> NDArray[Any]:
 def _column(array: NDArray[Any], name: str, as_text: bool, source: str) -> NDArray[Any]:
     """Return a column: numbers unchanged, text as str."""
     if array.ndim != 1:
-        raise InputError(
-            f"{source}: array {name!r} has the shape {array.shape}; save columns as (n,)",
-            names=(name,),
-        )
+        text = f"has the shape {array.shape}; save columns as (n,)"
+        raise column_table.column_error(source, name, text, "array")
     if as_text and array.dtype.kind in "iub":
         return array.astype(np.str_)
     if array.dtype.kind not in "fiubU":
-        raise InputError(
-            f"{source}: array {name!r} has the type {array.dtype}; save real numbers or text",
-            names=(name,),
-        )
+        text = f"has the type {array.dtype}; save real numbers or text"
+        raise column_table.column_error(source, name, text, "array")
     return array
 
 

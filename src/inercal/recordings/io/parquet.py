@@ -1,6 +1,5 @@
 """Read and write Parquet files with pyarrow."""
 
-from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from inercal.recordings.io import column_table
 from inercal.recordings.io.column_table import Array, Column, ReadRequest, Table
 from inercal.recordings.io.isolation import Isolation
 from inercal.recordings.io.readers import Reader
+from inercal.recordings.io.simulation_mark import SIMULATION_KEY
 
 _BUFFER = 1 << 20  # bytes of each column read at a time
 
@@ -90,8 +90,8 @@ def _columns(
     return {name: columns[name] for name in chosen}, block
 
 
-def write_parquet(path: Path, columns: dict[str, Column], metadata: Mapping[str, str]) -> None:
-    """Write columns (n,) with numbers and text, and schema metadata, to a Parquet file.
+def write_parquet(path: Path, columns: dict[str, Column], mark: str) -> None:
+    """Write columns (n,) with numbers and text, and the mark of a simulation, to a Parquet file.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def write_parquet(path: Path, columns: dict[str, Column], metadata: Mapping[str,
     pyarrow = _pyarrow()
     # Convert text to a list, because pyarrow does not accept NumPy's fixed-width strings.
     arrays = {k: c.tolist() if c.dtype.kind == "U" else c for k, c in columns.items()}
-    table = pyarrow.table(arrays, metadata=dict(metadata) or None)
+    table = pyarrow.table(arrays, metadata={SIMULATION_KEY: mark} if mark else None)
     pyarrow.parquet.write_table(table, path, write_page_checksum=True)
 
 
@@ -121,10 +121,8 @@ def _is_text(pyarrow: Any, kind: Any, name: str, as_text: bool, source: str) -> 
         return True
     integer = types.is_integer(kind) or types.is_boolean(kind)
     if not (integer or types.is_floating(kind)):
-        raise InputError(
-            f"{source}: column {name!r} has the type {kind}; save real numbers or text",
-            names=(name,),
-        )
+        text = f"has the type {kind}; save real numbers or text"
+        raise column_table.column_error(source, name, text)
     return as_text and integer
 
 

@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, true_ranges
+from inercal.basics.arrays import Array, Bools, true_ranges
 from inercal.recordings import Indices
 from inercal.recordings.io.column_table import row_blocks
 
@@ -41,7 +40,7 @@ class _Runs(NamedTuple):
     start: Indices
     length: Indices
     value: Array
-    single: NDArray[np.bool_]
+    single: Bools
 
 
 def _runs(x: Array) -> _Runs:
@@ -219,7 +218,7 @@ def _is_coarse(x: Array, held: Indices) -> bool:
     return len(held) > 2 and float(np.mean(moved <= few)) >= _GENTLE
 
 
-def _has_consecutive(mask: NDArray[np.bool_], count: int) -> bool:
+def _has_consecutive(mask: Bools, count: int) -> bool:
     """Return whether `count` neighbours are True; few steps are usually enough to decide."""
     width = 1
     while width < count and mask.size:

@@ -7,9 +7,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.units import format_count
 from inercal.recordings import Finding, Indices, Recording
 from inercal.recordings.io.column_table import TOO_LARGE, row_blocks
@@ -58,7 +57,7 @@ def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> R
     return RowCheck([Finding("refused", "nonfinite", f"{text}: {advice}", name, first, first + 1)])
 
 
-def is_usable(values: Array) -> NDArray[np.bool_]:
+def is_usable(values: Array) -> Bools:
     """Return which values are finite and small enough to be squared and summed."""
     return (values > -TOO_LARGE) & (values < TOO_LARGE)
 
@@ -140,7 +139,7 @@ def shared_stamps_text(time: Array) -> str:
     return f"{cause}; state [data] rate{rate}"
 
 
-def _repeats_previous_row(recording: Recording, samples: Indices) -> NDArray[np.bool_]:
+def _repeats_previous_row(recording: Recording, samples: Indices) -> Bools:
     """Return for each of some samples whether the next row repeats it."""
     before, after = recording.take(samples), recording.take(samples + 1)
     same = (before.data == after.data).all(axis=1)

@@ -19,7 +19,6 @@ from inercal.recordings import Recording
 from inercal.recordings.io.column_table import Column
 from inercal.recordings.io.parquet import write_parquet
 from inercal.recordings.io.read import Columns
-from inercal.recordings.io.simulation_mark import SIMULATION_KEY
 from inercal.recordings.temperature import temperature_readout
 
 _CHUNK = 10_000  # rows of CSV that are formatted at a time
@@ -121,14 +120,10 @@ def _write_npz(path: Path, columns: dict[str, Column], mark: str) -> None:
             archive.comment = mark.encode()
 
 
-def _write_parquet(path: Path, columns: dict[str, Column], mark: str) -> None:
-    write_parquet(path, columns, {SIMULATION_KEY: mark} if mark else {})
-
-
 _WRITERS: dict[str, Callable[[Path, dict[str, Column], str], None]] = {
     ".csv": _write_csv,
     ".npz": _write_npz,
-    ".parquet": _write_parquet,
+    ".parquet": write_parquet,
 }
 SUFFIXES = tuple(_WRITERS)
 """The suffixes of files that can be written."""

@@ -24,9 +24,8 @@ from math import pi
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, true_ranges
+from inercal.basics.arrays import Array, Bools, true_ranges
 from inercal.basics.errors import InputError
 from inercal.physics.plan import Attitude, Spin, arm_attitude
 from inercal.physics.sensors import Sensor
@@ -151,7 +150,7 @@ def _earlier_attitude(attitude: Attitude, before: Sequence[Dwell]) -> Attitude:
     return attitude
 
 
-def steady_rate(recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
+def steady_rate(recording: Recording) -> tuple[Array, Bools]:
     """Return the mean rate over half a second, (n,) rad/s, and a mask of steady rotation."""
     width = max(round(_WINDOW * recording.rate_hz), 3)
     smooth: Array = scipy.ndimage.uniform_filter1d(recording.readback[ARM_RATE], width)
@@ -204,22 +203,17 @@ def average_dwells(
         means.append(by_turn.mean(axis=0))
         off = (by_turn - means[-1]).reshape(-1, y.shape[-1])
         scatters.append(off.T @ off)
-    seconds = np.array([recording.span(d.mark.start, d.mark.stop) for d in dwells])
+    ranges = [(d.mark.start, d.mark.stop) for d in dwells]
+    seconds = np.array([recording.span(*limits) for limits in ranges])
     covariance, dof = _pooled_covariance(recording, dwells, seconds, scatters, k)
-    coarse = reading_steps(
-        recording.data, columns, sensor, [(d.mark.start, d.mark.stop) for d in dwells]
-    )
+    coarse = reading_steps(recording.data, columns, sensor, ranges)
     mean, covariance = np.concatenate(means), np.repeat(covariance, k, axis=0)
     errors = coarse.errors_of_means(mean)
     rounding, covariance, notes = add_rounding(sensor, errors, covariance, coarse.variance)
     samples = np.array([d.mark.stop - d.mark.start for d in dwells])
     starts = np.array([recording.time[d.mark.start] for d in dwells])
-    drift = drift_covariance(
-        [axis.noise for axis in sensor.axes],
-        starts + seconds / 2 - recording.time[0],
-        seconds,
-        recording.duration,
-    )
+    noises, elapsed = [axis.noise for axis in sensor.axes], starts + seconds / 2 - recording.time[0]
+    drift = drift_covariance(noises, elapsed, seconds, recording.duration)
     if drift is not None:
         drift = drift.repeat(k, axis=0).repeat(k, axis=1)
     steps = tuple(

@@ -9,7 +9,6 @@ changes, so that the noise of a coarse magnetometer is not underestimated.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
@@ -198,7 +197,7 @@ def magnetic_samples(recording: Recording, sensor: Sensor) -> MagneticReadings:
     )
 
 
-def new_value_rows(y: Array) -> NDArray[np.bool_]:
+def new_value_rows(y: Array) -> Bools:
     """Return which samples, (n, m), are new values, and neither repeated nor all zero."""
     changed = np.concatenate([[True], (y[1:] != y[:-1]).any(axis=1)])
     return changed & (y != 0).any(axis=1)
@@ -220,9 +219,7 @@ def _rows(time: Array, span: tuple[float, float]) -> tuple[int, int]:
     return start, int(np.searchsorted(time, span[1], "right"))
 
 
-def _values(
-    time: Array, fresh: NDArray[np.bool_], span: tuple[float, float]
-) -> tuple[Indices, Indices]:
+def _values(time: Array, fresh: Bools, span: tuple[float, float]) -> tuple[Indices, Indices]:
     """Return the samples in a span from the first new value on, and the new values among them."""
     start, stop = _rows(time, span)
     new = start + np.flatnonzero(fresh[start:stop])

@@ -163,22 +163,20 @@ def _other_parts(
     shortest: int,
 ) -> tuple[tuple[int, tuple[int, int]], ...]:
     """Return the longer remaining part of each run that was cut, if the sensor is still in it."""
-    places: list[int] = []
-    rests: list[tuple[int, int]] = []
+    rests: dict[int, tuple[int, int]] = {}
     for k, ((start, stop), (first, last)) in enumerate(
         zip(found.tolist(), kept.tolist(), strict=True)
     ):
         part = max((start, first), (last, stop), key=lambda one: one[1] - one[0])
         if part[1] - part[0] >= shortest:
-            places.append(k)
-            rests.append(part)
+            rests[k] = part
     if not rests:
         return ()
-    settled = _stationary_parts(data, np.concatenate([kept, np.array(rests)]), kinds, levels, block)
-    parts = settled[len(kept) :].tolist()
+    runs = np.concatenate([kept, [*rests.values()]])
+    parts = _stationary_parts(data, runs, kinds, levels, block)[len(kept) :].tolist()
     return tuple(
         (k, (start, stop))
-        for k, (start, stop) in zip(places, parts, strict=True)
+        for k, (start, stop) in zip(rests, parts, strict=True)
         if stop - start >= shortest
     )
 

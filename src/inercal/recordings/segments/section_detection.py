@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, true_ranges
+from inercal.basics.arrays import Array, Bools, true_ranges
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_duration, format_quantity
 from inercal.physics.plan import HandStep, Hold, Turn
@@ -190,9 +189,7 @@ class _Channel:
         self.floor = max(float(np.quantile(self.deviation, 0.1)), 0.3 * least)
         self.limit = _RESTLESS * self.floor
 
-    def at_rest(
-        self, limit: float, parts: Sequence[tuple[int, int]], *, rate: bool
-    ) -> NDArray[np.bool_]:
+    def at_rest(self, limit: float, parts: Sequence[tuple[int, int]], *, rate: bool) -> Bools:
         """Return where the channel scatters less than the limit and, for a rate, is not turning.
 
         The bias of a gyro may differ from part to part by more than it differs between attitudes.
@@ -305,7 +302,7 @@ def _level(
     kind: Measures,
     channels: Sequence[_Channel],
     limits: Sequence[float],
-    quiet: NDArray[np.bool_],
+    quiet: Bools,
 ) -> MotionThreshold:
     """Return the scatter of one kind of axis, output units, as an RMS over its axes."""
     axis = next(axis for axis in sensor.axes if axis.measures == kind)
@@ -375,7 +372,7 @@ def _turns(
     w: Array,
     f: Array,
     recording: Recording,
-    quiet: NDArray[np.bool_],
+    quiet: Bools,
     rests: Sequence[tuple[int, int]],
     steps: Sequence[HandStep],
 ) -> list[Mark]:

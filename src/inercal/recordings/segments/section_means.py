@@ -222,14 +222,13 @@ def average_sections(
         density = density_without_hand_motion(density, sensor, at_rest_all())
         dof = min(dof, noise_degrees_of_freedom(len(holds)))
     ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
-    steps_of_readings = reading_steps(
-        recording.data, columns, sensor, [ranges[used.index(step)] for step in holds]
-    )
+    at_rest = [used.index(step) for step in holds]
+    rests = [ranges[k] for k in at_rest]
+    steps_of_readings = reading_steps(recording.data, columns, sensor, rests)
     coarse = steps_of_readings.variance
     durations = np.array([recording.span(*limits) for limits in ranges])
     middles = np.array([recording.time[start] for start, _ in ranges]) + 0.5 * durations
     covariance = density[..., None, :, :] / samples[:, None, None]
-    at_rest = [used.index(step) for step in holds]
     names = [step.label for step in holds]
     since = middles - middles[at_rest].mean()
 
@@ -246,12 +245,8 @@ def average_sections(
     if temperature is not None:
         of_rows = np.stack([temperature[..., a:b].mean(axis=-1) for a, b in ranges], axis=-1)
     tests, notes, noise, course = (), (), None, None
-    drift = drift_covariance(
-        [axis.noise for axis in sensor.axes],
-        middles - recording.time[0],
-        durations,
-        recording.duration,
-    )
+    noises, elapsed = [axis.noise for axis in sensor.axes], middles - recording.time[0]
+    drift = drift_covariance(noises, elapsed, durations, recording.duration)
     if recording.data.ndim == 2:
         factor, noise = judged(at_rest_all)
         tests, notes = noise.tests, noise.notes
@@ -263,10 +258,8 @@ def average_sections(
             course, shared = slow.course(since, recording.duration)
             drift = shared if drift is None else drift + shared
             middle = float((middles - since)[0] - recording.time[0])
-            notes = (
-                *notes,
-                *drift_notes(sensor, noise._replace(drift=slow), recording.duration, middle),
-            )
+            of_drift = noise._replace(drift=slow)
+            notes = (*notes, *drift_notes(sensor, of_drift, recording.duration, middle))
     else:
         trials: Array = np.reshape(recording.data, (-1, *recording.data.shape[-2:]))
         kelvins: list[Array | None] = [temperature] * len(trials)

@@ -64,13 +64,9 @@ def density_without_hand_motion(density: Array, sensor: Sensor, sections: Iterab
         Readings during rests, SI.
     """
     a = len(sensor.select_axes("f").axes)
-    found: list[tuple[float, float, float]] = []
-    parts: list[Array] = []
-    for part, series in _gravity_projections(sensor, sections):
-        found.append(_densities(series))
-        parts.append(part**2)
-    by_axis = np.array(parts)
-    seen, calm, halves = (np.array(one) for one in zip(*found, strict=True))
+    projections = _gravity_projections(sensor, sections)
+    found = [(part**2, *_densities(series)) for part, series in projections]
+    by_axis, seen, calm, halves = (np.array(one) for one in zip(*found, strict=True))
     if not seen.any():
         return density
     own = np.full(a, float(seen.mean()))
@@ -110,19 +106,6 @@ def _shrink_densities(own: Array, weighted: Array) -> Array:
     kept = max(0.0, 1 - by_chance / seen) if seen > 0 else 0.0
     drawn = np.exp(kept * (log - log.mean()))
     return np.asarray(own.mean() * drawn / drawn.mean(), dtype=np.float64)
-
-
-def readings_along_gravity(sensor: Sensor, sections: Iterable[Array]) -> list[Array]:
-    """Return the accelerometers' readings along each section's mean specific force, (n,) each.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        Sensor whose accelerometers come first.
-    sections : iterable of (n, m) arrays
-        Readings during rests, SI.
-    """
-    return [series for _, series in _gravity_projections(sensor, sections)]
 
 
 def _gravity_projections(
@@ -174,11 +157,6 @@ class SectionDrift(NamedTuple):
 
     rates: Array  # (2, m), per second and per second²
     covariance: Array  # (m, 2, 2)
-
-    @classmethod
-    def zero(cls, m: int) -> "SectionDrift":
-        """Return a drift that is known to be exactly zero."""
-        return cls(np.zeros((2, m)), np.zeros((m, 2, 2)))
 
     def of_channels(self, chosen: Sequence[bool]) -> "SectionDrift":
         """Return the drift with the other channels set to zero."""
@@ -260,15 +238,15 @@ def section_noise_statistics(
     """
     r, m = len(labels), len(sensor.axes)
     scale, disturbance_variance = np.ones((r, m)), np.zeros((r, m))
-    drift = SectionDrift.zero(m)
+    drift = SectionDrift(np.zeros((2, m)), np.zeros((m, 2, 2)))
     correlation = [WHITE] * m
     tests: list[ModelTest] = []
     notes: list[str] = []
     drifting: list[str] = []
     if by_hand:
         steps = np.array([rounding[[axis.measures == "f" for axis in sensor.axes]].max()])
-        series = readings_along_gravity(sensor, sections())
-        cut = haar_contrasts((one[:, None] for one in series), seconds)
+        along = _gravity_projections(sensor, sections())
+        cut = haar_contrasts((one[:, None] for _, one in along), seconds)
         judged = analyse_sections(cut, labels, ["accelerometers along gravity"], steps)
         # The sign of a drift's effect changes with the attitude; the norms of all rests reveal the
         # drift.

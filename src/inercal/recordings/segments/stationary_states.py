@@ -7,9 +7,8 @@ from math import pi
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, true_ranges
+from inercal.basics.arrays import Array, Bools, true_ranges
 from inercal.basics.units import format_count, format_duration
 from inercal.recordings import Finding, Mark, Recording
 from inercal.recordings.segments import dwells
@@ -181,7 +180,7 @@ def _lost_motion_texts(recording: Recording) -> list[str]:
     return texts
 
 
-def _is_stationary(recording: Recording) -> NDArray[np.bool_]:
+def _is_stationary(recording: Recording) -> Bools:
     rate = np.abs(recording.readback[dwells.ARM_RATE])
     return rate <= dwells.TURNING_SHARE * rate.max()
 
@@ -197,6 +196,6 @@ def _labelled_sections(recording: Recording) -> list[tuple[str, int, int]]:
     return [(mark.label, mark.start, mark.stop) for mark in marks]
 
 
-def _runs(held: NDArray[np.bool_], start: int, stop: int) -> list[tuple[int, int]]:
+def _runs(held: Bools, start: int, stop: int) -> list[tuple[int, int]]:
     """Return the ranges, within samples start to stop, in which `held` is true."""
     return [(first, last) for first, last in (true_ranges(held[start:stop]) + start).tolist()]
