@@ -326,6 +326,12 @@ def whole_number_labels(values: NDArray[Any]) -> Column:
     return values.astype(np.int64).astype(np.str_) if whole else values
 
 
+def file_head(path: Path, size: int) -> bytes:
+    """Return the first bytes of a file; fewer if the file is shorter."""
+    with path.open("rb") as file:
+        return file.read(size)
+
+
 def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file's bytes, in hexadecimal."""
     with path.open("rb") as file:

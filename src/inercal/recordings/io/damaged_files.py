@@ -7,7 +7,7 @@ from errno import EINVAL, EOVERFLOW
 from pathlib import Path
 
 from inercal.basics.errors import InercalError, InputError
-from inercal.recordings.io.column_table import shorten
+from inercal.recordings.io.column_table import file_head, shorten
 
 _OF_THE_BYTES = (None, 0, EINVAL, EOVERFLOW)  # for example, a position before the start of the file
 
@@ -53,8 +53,7 @@ def _is_text(path: Path) -> bool:
     """Return whether a file begins with characters that are printable, or end lines."""
     if not path.is_file():
         return False
-    with path.open("rb") as file:
-        decoder = getincrementaldecoder("utf-8-sig")("replace")
-        head = decoder.decode(file.read(_HEAD))  # without a character that is cut at the end
+    decoder = getincrementaldecoder("utf-8-sig")("replace")
+    head = decoder.decode(file_head(path, _HEAD))  # without a character that is cut at the end
     printable = all(one.isprintable() or one.isspace() for one in head)
     return bool(head) and printable and "\ufffd" not in head

@@ -49,8 +49,7 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
     OSError
         The file cannot be read.
     """
-    with path.open("rb") as file:
-        head = file.read(len(_NPY))
+    head = column_table.file_head(path, len(_NPY))
     if head == _NPY:
         return _single_array(path, wanted)
     if not head.startswith(b"PK"):

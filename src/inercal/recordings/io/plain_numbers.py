@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.errors import InputError
-from inercal.recordings.io.column_table import Array, label_array, shorten
+from inercal.recordings.io.column_table import Array, file_head, label_array, shorten
 from inercal.recordings.io.text_layout import TextLayout
 
 BLOCK_BYTES = 1 << 22  # bytes
@@ -163,8 +163,7 @@ def probable_rows(path: Path) -> int:
     size = path.stat().st_size
     if size < SMALLEST or find_spec("pyarrow") is None:
         return 0
-    with path.open("rb") as file:
-        sample = file.read(_SAMPLE_BYTES)
+    sample = file_head(path, _SAMPLE_BYTES)
     if b"\0" in sample or (lines := sample.count(b"\n")) < _FEWEST_LINES:
         return 0
     return size * lines // len(sample)

@@ -16,7 +16,7 @@ from inercal.basics.parallel import available_cores
 from inercal.basics.units import format_count
 from inercal.recordings import Recording
 from inercal.recordings.io.audit import audit, audit_rows, require_accepted
-from inercal.recordings.io.column_table import ReadRequest, Table, open_error
+from inercal.recordings.io.column_table import ReadRequest, Table, file_head, open_error
 from inercal.recordings.io.isolation import MOST_VALUES_KEY, read_isolated
 from inercal.recordings.io.readers import (
     HEAD_BYTES,
@@ -91,8 +91,7 @@ def detect_reader(path: Path) -> Reader:
                 "file",
                 file=path,
             )
-        with path.open("rb") as file:
-            head = file.read(HEAD_BYTES)
+        head = file_head(path, HEAD_BYTES)
     except OSError as error:
         raise open_error(path, error) from error
     refuse_wrong_content(path, head)

@@ -27,7 +27,7 @@ from urllib.parse import quote
 import numpy as np
 
 from inercal.basics.errors import InputError
-from inercal.recordings.io.column_table import ReadRequest, Table
+from inercal.recordings.io.column_table import ReadRequest, Table, file_head
 from inercal.recordings.io.isolation import Isolation
 from inercal.recordings.io.message_columns import Messages, table_from_messages, wanted_topics
 from inercal.recordings.io.readers import Option, Reader
@@ -217,8 +217,7 @@ def read_rosbag(path: Path, wanted: ReadRequest, stamp: str = "header") -> Table
             f'{path.name}: [data] stamp is {stamp!r}; it is "header" or "received"',
             key="[data] stamp",
         )
-    with path.open("rb") as file:
-        split = file.read(len(METADATA_START)) == METADATA_START
+    split = file_head(path, len(METADATA_START)) == METADATA_START
     parts = bag_parts(path) if split else (path,)
     with closing(SplitBag([_open(part) for part in parts])) as reader:
         messages = list(_topics(path, reader, wanted, stamp))
@@ -237,8 +236,7 @@ def _simulation(path: Path, reader: Any) -> str:
 
 def _open(path: Path) -> Any:
     """Open a file whose index is complete, and return its reader."""
-    with path.open("rb") as file:
-        head = file.read(len(SQLITE))
+    head = file_head(path, len(SQLITE))
     reader: Any
     if head.startswith(BAG):
         check_bag(path)
@@ -295,8 +293,7 @@ def _topics(path: Path, reader: Any, wanted: ReadRequest, stamp: str) -> Iterato
 def _decoder(path: Path) -> tuple[Any, Mapping[str, Any]]:
     """Return a decoder for messages of the file's ROS version, and the type definitions."""
     types: Any = import_module("rosbags.typesys")
-    with path.open("rb") as file:
-        first = file.read(len(BAG)) == BAG
+    first = file_head(path, len(BAG)) == BAG
     kinds = types.Stores
     store = types.get_typestore(kinds.ROS1_NOETIC if first else kinds.ROS2_HUMBLE)
     return (store.deserialize_ros1 if first else store.deserialize_cdr), store.fielddefs

@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from inercal.basics.errors import InputError
-from inercal.recordings.io.column_table import file_sha256
+from inercal.recordings.io.column_table import file_head, file_sha256
 
 METADATA = "metadata.yaml"
 """Name of the file that describes a bag."""
@@ -29,8 +29,7 @@ def bag_parts(path: Path) -> tuple[Path, ...]:
     InputError
         The file lists no parts, or a part is missing.
     """
-    with path.open("rb") as file:
-        text = file.read(_MOST_BYTES).decode("utf-8", "replace").replace("\r\n", "\n")
+    text = file_head(path, _MOST_BYTES).decode("utf-8", "replace").replace("\r\n", "\n")
     listed = _LIST.search(text)
     lines = [] if listed is None else listed[1].splitlines()
     names = [line.strip().removeprefix("-").strip().strip("'\"") for line in lines]
@@ -53,9 +52,8 @@ def bag_parts(path: Path) -> tuple[Path, ...]:
 
 def bag_size(path: Path) -> int:
     """Return the number of bytes of a bag, with all parts if the file lists them."""
-    with path.open("rb") as file:
-        if file.read(len(METADATA_START)) != METADATA_START:
-            return path.stat().st_size
+    if file_head(path, len(METADATA_START)) != METADATA_START:
+        return path.stat().st_size
     return sum(part.stat().st_size for part in bag_parts(path))
 
 

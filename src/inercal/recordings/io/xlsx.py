@@ -63,8 +63,7 @@ def read_xlsx(path: Path, wanted: ReadRequest, sheet: str | int = 1) -> Table:
 
 def _refuse_other_sheets(path: Path) -> None:
     """Refuse spreadsheets from other programs and from Excel before 2007."""
-    with path.open("rb") as file:
-        head = file.read(40)
+    head = column_table.file_head(path, 40)
     if head.startswith(_OLD) or head[30:].startswith(_OPEN_DOCUMENT):
         kind = "from Excel before 2007" if head.startswith(_OLD) else "an OpenDocument sheet"
         raise InputError(f"{path.name} is {kind}: save it as .xlsx or as CSV")
