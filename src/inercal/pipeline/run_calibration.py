@@ -228,6 +228,7 @@ def section_notes(inputs: EstimatorInput) -> Iterator[str]:
         return
     before, after = recording.gaps.T
     lost = recording.time[after] - recording.time[before]
+    lost[list(inputs.pauses)] = 0.0
     for mark in inputs.marks:
         missing = float(lost[(before >= mark.start) & (after < mark.stop)].sum())
         span = recording.span(mark.start, mark.stop)
