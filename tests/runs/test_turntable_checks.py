@@ -16,6 +16,7 @@ from inercal.benches.column_orders import SignedPermutation, signed_permutations
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.sample_checks import require_angle_unit, wild_samples
 from inercal.benches.turntable.reading.track_checks import ColumnNames, check_track
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors.catalogue import imu
 from inercal.recordings import Track
 
@@ -217,7 +218,8 @@ def test_a_few_wild_readings_are_found_and_do_not_look_like_a_wrong_unit(wild: f
     reading[at : at + rows, 1] = wild * tt.G
     reading[at : at + rows, 4] = wild * tt.G
     assert check_track("run.toml", replace(track, reading=reading), SENSOR, BENCH) == ()
-    for column, kind in ((1, "f"), (4, "w")):
+    kinds: dict[int, Measures] = {1: "f", 4: "w"}
+    for column, kind in kinds.items():
         assert wild_samples(track.reading[:, column], kind).size == 0
         assert wild_samples(reading[:, column], kind).tolist() == [[at, at + rows]]
 

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from math import ceil, floor, log10, radians
-from typing import Any
 
 import numpy as np
 
@@ -259,10 +258,8 @@ class RunAdvisor:
                 sizes["harmonics"] = (full, max(abs(size), sizes.get("harmonics", ("", 0.0))[1]))
                 harmonics[order - 1] = f"{_rounded_up(sizes['harmonics'][1] / si_factor('″'))} ″"
                 continue
-            key, size = (
-                bench_key(self._run.bench, name),
-                max(abs(size), typical) if open_ else abs(size),
-            )
+            key = bench_key(self._run.bench, name)
+            size = max(abs(size), typical) if open_ else abs(size)
             if key not in sizes or size > sizes[key][1]:
                 sizes[key] = (full, size)
         if sizes.get("latitude", ("", 0.0))[1] > _WRONG_LATITUDE:
@@ -346,7 +343,7 @@ def wald_statistic(estimate: Estimate, names: Sequence[str]) -> float:
     return float(x @ np.linalg.solve(covariance, x))
 
 
-def bench_key(bench: Any, name: str) -> str:
+def bench_key(bench: object, name: str) -> str:
     """Return the [bench] key that states a parameter."""
     for field, one in declarations(type(bench)).items():
         names = [field] if isinstance(one.parameters, str) else one.parameters

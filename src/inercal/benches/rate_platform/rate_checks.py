@@ -9,12 +9,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.sections import (
-    SMALL_RATE,
-    KnownTurn,
-    PlatformStep,
-    RateDwell,
-)
+from inercal.benches.rate_platform.sections import SMALL_RATE, KnownTurn, PlatformStep, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Mark, Observations, Recording
@@ -99,15 +94,12 @@ def _require_sizes(
         j = int(own[k] if k in along else np.argmax(np.abs(read[k])))
         others = [one for n, one in along.items() if own[n] == j and n != k] or [overall]
         size = float(read[k, j])
+        expected = [float(nominal[k, j]) * one for one in (overall, float(np.median(others)))]
         largest = abs(size) > (1 - _NEAR) * np.abs(read[:, j]).max()
-        if largest and abs(size) < abs(nominal[k, j]) * min(overall, float(np.median(others))):
-            continue
-        if all(_differ(size, nominal[k, j] * t) for t in (overall, float(np.median(others)))):
-            name = run.sensor.select_axes("w").channels[j]
-            text = f"{name} reads {degrees(size):.4g} °/s"
-            _refuse_row(
-                run, step, text, "correct the rate in the table or label, or leave the row out"
-            )
+        clipped = largest and abs(size) < min(map(abs, expected))
+        if not clipped and all(_differ(size, one) for one in expected):
+            text = f"{run.sensor.select_axes('w').channels[j]} reads {degrees(size):.4g} °/s"
+            _refuse_row(run, step, text, "correct its rate in the table or label, or leave it out")
 
 
 def _differ(one: float, other: float) -> bool:

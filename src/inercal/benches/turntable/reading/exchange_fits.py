@@ -69,10 +69,7 @@ class BlockMeans:
 
 
 def block_means(track: Track, sensor: Sensor) -> BlockMeans:
-    """Return the block means for one trial's track, (n, m) readings.
-
-    Blocks with a gap or with a wild reading are left out.
-    """
+    """Return the means of one trial's track, (n, m) readings, over blocks without gap or spike."""
     step = float(np.median(np.diff(track.time)))
     size = max(sample_count(_BLOCK, step), 1)
     first = np.arange(0, track.time.size - size, size)
@@ -81,7 +78,7 @@ def block_means(track: Track, sensor: Sensor) -> BlockMeans:
     complete = span < (size + GAP_FACTOR - 1) * step
     for axis, column in zip(sensor.axes, track.reading.T, strict=False):
         for start, stop in wild_samples(column, axis.measures).tolist():
-            complete &= (last <= start) | (first >= stop)
+            complete[start // size : (stop - 1) // size + 1] = False
     turned = (track.angles[last] - track.angles[first]) / span[:, None]
     mean = np.add.reduceat(track.reading[: last[-1]], first, axis=0) / size
     readings = {

@@ -230,20 +230,17 @@ def wild_samples(column: Array, kind: Measures) -> NDArray[np.int64]:
 
 
 def _isolated_samples(column: Array, least: float, longest: int) -> NDArray[np.int64]:
-    """Return groups of samples that differ from those before and after, which differ as usual.
-
-    A group has at most `longest` samples; a row of the result is its first and the one after it.
-    """
+    """Return groups, (k, 2), of at most `longest` samples that are far from both neighbours."""
     steps = np.abs(np.diff(column))
     if not (steps > least).any():
         return np.empty((0, 2), np.int64)
     usual = _NORMAL * float(np.median(np.abs(np.diff(column, 2))))
     jumps = np.flatnonzero(steps > max(least, _SIGMAS * usual))
-    found: list[NDArray[np.int64]] = []
+    wild = np.zeros(column.size + 1, np.int8)
     for k in range(1, longest + 1):
         before, last = jumps[:-k], jumps[k:]
         apart = np.abs(column[last + 1] - column[before])
         lonely = (last - before <= longest) & (2 * apart < np.minimum(steps[before], steps[last]))
-        found.append(np.stack([before[lonely] + 1, last[lonely] + 1], axis=-1))
-    groups = np.concatenate(found)
-    return groups[np.argsort(groups[:, 0])]
+        for start, stop in zip(before[lonely].tolist(), last[lonely].tolist(), strict=True):
+            wild[start + 1 : stop + 1] = 1
+    return np.flatnonzero(np.diff(wild, prepend=0)).reshape(-1, 2)

@@ -139,7 +139,8 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
         # If turns are split, an error of the readback is the cause, so report that.
         causes = [one.message for one in findings if one.what == "readback"]
         raise error.located(f"{run.path}: {'; '.join(causes)}") if causes else error from None
-    gaps, known = recording.time[recording.gaps].T, (*read.interruptions, *soaks.waits)
+    before, after = recording.time[recording.gaps].T
+    known = are_interrupted(before, after, (*read.interruptions, *soaks.waits))
     return EstimatorInput(
         recording,
         marks,
@@ -150,7 +151,7 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
         _conditions(read, steps),
         bench=bench,
         notes=read.notes,
-        pauses=tuple(np.flatnonzero(are_interrupted(*gaps, known)).tolist()),
+        pauses=tuple(np.flatnonzero(known).tolist()),
     )
 
 
