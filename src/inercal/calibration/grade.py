@@ -369,8 +369,8 @@ def _test_reason(name: str) -> str:
         full, brief = f"the test “{name}” rejects the model", f"a test rejects the model: {name}"
     else:
         brief = f"the residuals are too large: {group}".removesuffix(": ")
-        full = f"the residuals of the {group} are too large" if group else brief
-        full = f"the {group} are too large" if detailed else full
+        words = group if detailed else f"residuals of the {group}"
+        full = f"the {words} are too large" if group else brief
     return full if len(full) <= _MOST_REASON else brief  # shortening must not remove the verb
 
 

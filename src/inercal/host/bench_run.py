@@ -123,7 +123,6 @@ class BenchRun:
         require_thermometer(options, layout)
         with ExitStack() as opened:
             self.recorder = opened.enter_context(RunRecorder(folder, journal, layout))
-            # A log that lost its end does not contain all steps that the journal calls complete.
             done = min(journal.completed_steps(), self.recorder.logged_steps)
             self.sequencer = create_sequencer(plan, done, journal.mounting())
             # Earlier readings were checked when they were received. A fault may have been repaired

@@ -361,7 +361,7 @@ def large_uncertainties(run: Run, expected: Mapping[str, Parameter]) -> str:
         if one.sd > OBSERVABILITY_LIMIT * {"m/s²": G0}.get(one.unit, 1.0)
     )
     stated = [f"[bench] {key}" for key in keys if key in run.sections.get("bench", {})]
-    return f"check {', '.join(stated)}, whose stated uncertainty is very large" if stated else ""
+    return f"; check {', '.join(stated)}, whose stated uncertainty is very large" if stated else ""
 
 
 def changed_run(run: Run, changes: tuple[Change, ...]) -> Run:

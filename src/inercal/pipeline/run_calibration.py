@@ -124,8 +124,8 @@ def _fitted(
     except (InputError, NotObserved) as error:
         located = error.located(run.path)
         causes = _possible_causes(inputs, sensor, zero_rates, error)
-        if isinstance(error, NotObserved) and (wide := large_uncertainties(run, expected)):
-            causes = f"; {wide}{causes}"
+        if isinstance(error, NotObserved):
+            causes = f"{large_uncertainties(run, expected)}{causes}"
         located.args = (f"{located}{_usable_also(run, error)}{causes}",)
         raise located from None
     estimate = with_common_errors(run, inputs, estimate)
@@ -160,8 +160,7 @@ def _fitted(
         sections = "rows" if inputs.recording is None else "marks"
         if free:
             text = f"; perhaps the plan does not determine {', '.join(free)}{text}"
-        if wide := large_uncertainties(run, expected):
-            text = f"; {wide}{text}"
+        text = f"{large_uncertainties(run, expected)}{text}"
         raise InputError(
             f"{run.path}: the fit did not converge; check the {sections} and the plan{text}",
             file=run.path,

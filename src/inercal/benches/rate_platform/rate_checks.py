@@ -83,9 +83,8 @@ def _require_sizes(
 ) -> None:
     """Refuse a row whose rate has another size than its gyro reads, judged by the other rows.
 
-    `along` contains the ratio of reading to rate of each row that turns. A row is accepted if it
-    fits the median ratio of all rows, or of the others of its gyro, which may have another scale.
-    If a gyro reads less than expected in its largest reading, it may be clipped.
+    `along` contains the ratio of reading to rate of each row that turns. A row may fit the median
+    ratio of all rows, or of the others of its gyro, or the gyro may be clipped.
     """
     own, overall = np.argmax(np.abs(nominal), axis=1), float(np.median(list(along.values())))
     for k, step in enumerate(steps):
