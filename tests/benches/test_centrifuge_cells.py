@@ -36,6 +36,14 @@ def test_a_reading_without_its_decimal_mark_is_refused_with_its_row(tmp_path: Pa
     assert "1 at 80 rpm" in str(caught.value)
 
 
+def test_a_rate_that_is_ten_times_too_large_is_refused_with_its_row(tmp_path: Path):
+    lines = [line.replace("1,10,20,80,", "1,10,20,800,") for line in LINES]
+    assert lines != LINES
+    with refused(file="lab.csv") as caught:
+        KIND.observe(read(written(tmp_path, lines)))
+    assert "1 at 800 rpm" in str(caught.value)
+
+
 def test_too_few_rows_name_the_coefficients_that_they_do_not_determine(tmp_path: Path):
     head = next(k for k, line in enumerate(LINES) if line.startswith("position"))
     path = written(tmp_path, LINES[: head + 6])

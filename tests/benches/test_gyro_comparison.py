@@ -119,6 +119,21 @@ def test_a_sound_readback_is_not_blamed(sound: tuple[Run, Track, float]):
     assert gyro_comparison_findings(track, run.sensor, run.bench) == ()
 
 
+@pytest.mark.parametrize(("jump", "count"), [(0.006, 0), (0.06, 1)])
+def test_a_clock_may_run_away_by_its_stated_rate_during_a_pause(
+    sound: tuple[Run, Track, float], jump: float, count: int
+):
+    run, track, at = sound
+    at -= 5.0  # between two turns
+    late = clock(jump)(track.time, track.angles, at)
+    time = track.time + np.where(track.time >= at, 600.0, 0.0)
+    assert isinstance(run.bench, Turntable)
+    run = replace(run, bench=replace(run.bench, clock=10e-6))
+    one = replace(track, time=time, angles=late)
+    assert min(len(found(run, one, 1000)), 1) == count
+    assert found(run, replace(track, angles=late))  # the same jump without a pause
+
+
 @pytest.mark.parametrize(
     "name",
     [

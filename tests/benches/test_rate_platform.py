@@ -261,6 +261,29 @@ def test_a_rate_of_the_other_sign_is_refused_with_its_row(tmp_path: Path):
         KIND.observe(run_of(tmp_path, rows))
 
 
+@pytest.mark.parametrize(
+    ("row", "wrong"),
+    [(3, 10.0), (3, 20.0), (3, 75.0), (1, 500.0), (2, -5.0), (3, 0.0), (0, 50.0), (6, 57.0 / 2)],
+    ids=str,
+)
+def test_a_rate_of_another_size_is_refused_with_its_row(tmp_path: Path, row: int, wrong: float):
+    rows = table()
+    rows[row] = rows[row] | {"rate": wrong}
+    label = f"{rows[row]['axis']} rest (2)" if not wrong else ""
+    with refused() as error:
+        KIND.observe(run_of(tmp_path, rows))
+    assert error.value.names == (label or f"{rows[row]['axis']} {wrong:+g} °/s",)
+
+
+@pytest.mark.parametrize("scale", [0.7, 0.9, 1.1, 1.4])
+def test_gyros_of_different_scales_and_clipped_ones_have_no_wrong_rate(
+    tmp_path: Path, scale: float
+):
+    rows = [row | {"gy": str(float(str(row["gy"])) * scale)} for row in table()]
+    rows[-2], rows[-1] = rows[-2] | {"gz": "70.0"}, rows[-1] | {"gz": "-70.0"}
+    assert len(KIND.observe(run_of(tmp_path, rows)).steps) == len(rows)
+
+
 def test_another_axis_than_stated_is_refused_with_its_row(tmp_path: Path):
     rows = table()
     rows[6] = rows[6] | {"axis": "z"}

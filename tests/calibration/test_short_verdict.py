@@ -29,7 +29,7 @@ from inercal.calibration.verdict import _first_line, verdict  # pyright: ignore[
 from inercal.estimation import Candidate, Estimate, Problem, least_squares
 from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.result import ResidualGroup
-from inercal.estimation.scores import CandidateKind
+from inercal.estimation.scores import CandidateKind, ModelTest
 from inercal.physics.sensors import G0, Sensor, axes_along, imu, triad
 from inercal.physics.sensors.coefficient_selection import coefficient_words
 from inercal.physics.sensors.coefficient_tables import TABLES
@@ -343,3 +343,25 @@ def test_lost_samples_are_told_in_the_explanation_and_do_not_lower_the_grade():
     listed = {one.heading: one.lines for one in said.explanation}
     assert listed[CHECKS] == ("lost",)
     assert (said.grade, said.lines) == (without.grade, without.lines)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "residuals: innovations of the gyros' filter, mean of each step",
+        "residuals: innovations of the accelerometers' filter, mean of each step",
+        "residuals: accelerometers",
+        f"residuals: {LONG}",
+        "mean innovations of the accelerometers in each step",
+        "correlation of the accelerometers' innovations between steps",
+        "noise slower than the sections",
+        f"burst within {LONG} (gy)",
+        f"change within {LONG} (ax)",
+    ],
+)
+def test_a_shortened_reason_keeps_its_verb(name: str):
+    tests = (ModelTest(name, 60.0, 20),)
+    found = replace(fitted(0.0, {"ax.k2": "coefficient"}, SENSOR), tests=tests)
+    said = verdict(found, SENSOR, ())
+    assert said.grade == "reservations"
+    assert re.search(r" (rejects|are|change)\b", said.lines[0])

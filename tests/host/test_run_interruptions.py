@@ -22,6 +22,8 @@ from inercal.benches.turntable.reading.host_readback import (
     are_interrupted,
     describe_interruptions,
 )
+from inercal.host.journal import Journal
+from inercal.host.recorder import RunRecorder
 from inercal.host.recording_writer import write_recording
 from inercal.recordings.io.hdf5 import read_group
 from inercal.runfile import Run
@@ -110,6 +112,22 @@ def test_an_interruption_is_stated_once_and_no_reading_of_the_stop_is_left_out(
     # The watchdog of this bench takes 10 s to stop the table of a host that was killed.
     shortest = LASTED - 0.1 if disturb in (pause, freeze) else 0.5
     assert shortest < end - start < LASTED + 15.0
+
+
+@pytest.mark.slow
+def test_steps_that_the_log_has_lost_are_repeated(tmp_path: Path, bench: InProcessBench, run: Run):
+    path = tmp_path / "run"
+    with suppress(Killed):
+        drive(path, lambda driven: kill(bench, driven) if in_rotation(driven) else None, run)
+    folder = made(path)
+    content = folder.log.read_bytes()
+    folder.log.write_bytes(content[: content.rindex(b'"done"') - 100])  # in the second step
+    driven = drive(path, lambda _: None)
+    assert driven.done, driven.trouble
+    assert sum(event.level == "warning" and "step 2" in event.words for event in driven.events) == 1
+    with Journal(folder.journal) as journal, RunRecorder(folder, journal, LAYOUT) as recorder:
+        done = [one.label for one in recorder.assembly.sections if one.state == "done"]
+    assert done == ["warm-up", "y up", "z+", "rest"]
 
 
 def test_only_gaps_in_an_interruption_are_explained_by_it():

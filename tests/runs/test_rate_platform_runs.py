@@ -5,10 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
+from inercal.basics.errors import InercalError
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_value_and_uncertainty
+from inercal.calibration.explanation import NEXT
 from inercal.pipeline import calibrate, simulate_files
+from inercal.pipeline.advisor import large_uncertainties
 from inercal.pipeline.design.worksheet import build_worksheet
 from inercal.recordings.io.write import write_recordings
 from inercal.report import write_report
@@ -170,3 +174,24 @@ seconds = "10 s"
     names = calibration.sensor.coefficients
     error = calibration.values - [run.truth.get(name, 0.0) for name in names]
     assert np.all(np.abs(error) < 5 * np.array([calibration.uncertainty(n) for n in names]))
+
+
+@pytest.mark.slow
+def test_an_uncertainty_that_hides_the_scale_factors_is_named(folder: Path):
+    path = folder / "gyros.toml"
+    run = read(path)
+    expected = run.bench.nuisances(run.kind.observe(run).steps, run.sensor)
+    assert large_uncertainties(run, expected) == ""
+    changed(path, ('rate_scale = "5 ppm"', 'rate_scale = "100 %"'), ("also =", "# also ="))
+    with refused(InercalError) as error:
+        calibrate(path)
+    assert "[bench] rate_scale" in str(error.value)
+
+
+def test_means_that_scatter_less_than_stated_lead_to_the_stated_deviation(folder: Path):
+    text = (folder / "gyros.toml").read_text(encoding="utf-8")
+    (line,) = (one for one in text.splitlines() if one.startswith('gyro = "'))
+    changed(folder / "gyros.toml", (line, 'gyro = "1 °/s"'))
+    outcome = calibrate(folder / "gyros.toml")
+    (step,) = (one for one in outcome.verdict.lines if one.startswith(NEXT))
+    assert "[data.sd]" in step

@@ -14,8 +14,9 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
 from inercal.benches.stated_axes import SignedPermutation, signed_permutations
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.sample_checks import require_angle_unit
+from inercal.benches.turntable.reading.sample_checks import require_angle_unit, wild_samples
 from inercal.benches.turntable.reading.track_checks import ColumnNames, check_track
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors.catalogue import imu
 from inercal.recordings import Track
 
@@ -207,6 +208,20 @@ def test_accelerometers_in_g_are_named():
     said = check_message(replace(track, reading=track.reading / np.repeat([tt.G, 1], 3)))
     assert "0.10" in said
     assert "[sensor.accelerometer]" in said
+
+
+@pytest.mark.parametrize(("wild", "rows"), [(131.0, 1), (-16.0, 1), (1000.0, 5)])
+def test_a_few_wild_readings_are_found_and_do_not_look_like_a_wrong_unit(wild: float, rows: int):
+    track = draw_first_device("paper")
+    reading = track.reading.copy()
+    at = int(np.flatnonzero(track.hold >= 0)[100])
+    reading[at : at + rows, 1] = wild * tt.G
+    reading[at : at + rows, 4] = wild * tt.G
+    assert check_track("run.toml", replace(track, reading=reading), SENSOR, BENCH) == ()
+    kinds: dict[int, Measures] = {1: "f", 4: "w"}
+    for column, kind in kinds.items():
+        assert wild_samples(track.reading[:, column], kind).size == 0
+        assert wild_samples(reading[:, column], kind).tolist() == [[at, at + rows]]
 
 
 def test_a_table_that_never_moved_and_a_frozen_readback_differ():

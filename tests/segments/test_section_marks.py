@@ -179,13 +179,16 @@ def test_marks_beyond_a_file_are_refused_though_samples_were_dropped(limits: tup
 
 
 @pytest.mark.parametrize(
-    ("lost", "other", "count"), [(0, 0, 0), (50, 0, 1), (0, 60, 1), (50, 60, 2)]
+    ("lost", "other", "pauses", "count"),
+    [(0, 0, (), 0), (50, 0, (), 1), (0, 60, (), 1), (50, 60, (), 2), (50, 60, (0,), 1)],
 )
-def test_sections_that_are_not_used_whole_are_remarked(lost: int, other: int, count: int):
+def test_sections_that_are_not_used_whole_are_remarked(
+    lost: int, other: int, pauses: tuple[int, ...], count: int
+):
     time = 0.01 * np.arange(1000.0)
     time[200:] += 0.01 * lost
     marks = (Mark("one", 100, 300), Mark("two", 400, 600))
     found = RestDetection(marks, (), 0.1, Finding("note", "rests", ""), ((1, (610, 610 + other)),))
     made = Recording(time, np.zeros((1000, 1)), ("ax",), ("m/s²",))
-    inputs = SimpleNamespace(recording=made, marks=marks, rests=found)
+    inputs = SimpleNamespace(recording=made, marks=marks, rests=found, pauses=pauses)
     assert len(list(section_notes(cast(EstimatorInput, inputs)))) == count

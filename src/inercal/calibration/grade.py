@@ -364,9 +364,14 @@ def _test_reason(name: str) -> str:
     if name.startswith(CHANGE_PREFIX):
         return f"the readings {name}"
     residuals, _, group = name.partition(": ")
+    group, detailed, _ = group.partition(", ")
     if residuals != "residuals":
-        return f"the test “{name}” rejects the model"
-    return f"the residuals of the {group} are too large" if group else "the residuals are too large"
+        full, brief = f"the test “{name}” rejects the model", f"a test rejects the model: {name}"
+    else:
+        brief = f"the residuals are too large: {group}".removesuffix(": ")
+        words = group if detailed else f"residuals of the {group}"
+        full = f"the {words} are too large" if group else brief
+    return full if len(full) <= _MOST_REASON else brief  # shortening must not remove the verb
 
 
 def _finding_reasons(findings: Sequence[Finding], severity: str) -> Iterator[str]:

@@ -113,7 +113,6 @@ class BenchRun(Closeable):
     ):
         run, plan = folder.run, host_plan(folder.run)
         bench, self.tasks = plan.bench, plan.tasks
-        self.sequencer = create_sequencer(plan, journal.completed_steps(), journal.mounting())
         self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names
         self._journal, self._options = journal, options
         self._show: Callable[[BenchRun], None] = show or _show_nothing
@@ -125,6 +124,8 @@ class BenchRun(Closeable):
         require_thermometer(options, layout)
         with ExitStack() as opened:
             self.recorder = opened.enter_context(RunRecorder(folder, journal, layout))
+            done = min(journal.completed_steps(), self.recorder.logged_steps)
+            self.sequencer = create_sequencer(plan, done, journal.mounting())
             # Earlier readings were checked when they were received. A fault may have been repaired
             # since then.
             self._checked_from = self.recorder.assembly.table.last
@@ -240,6 +241,9 @@ class BenchRun(Closeable):
                 if (stopped := self.recorder.log_end.time) > 0:
                     again = f"resumed at {self.time:.1f} s with step {self.sequencer.number + 1}"
                     self._say("info", f"interrupted at {stopped:.1f} s, {again}")
+                if self.sequencer.number < (known := self._journal.completed_steps()):
+                    again = f"{known} steps are complete, but the log ends before; repeating them"
+                    self._say("warning", f"{again} from step {self.sequencer.number + 1} on")
                 # If an earlier host was killed, its watchdog may still be stopping the table.
                 self._wait_for_rest()
                 self._table_driver.require_idle()

@@ -140,6 +140,12 @@ class RunRecorder(Closeable):
         return "on" if self.live_estimator.has_estimate else "waits"
 
     @property
+    def logged_steps(self) -> int:
+        """How many steps are complete in the log; the journal knows more if its end was lost."""
+        done = (one.number + 1 for one in self.assembly.sections if one.state == "done")
+        return max(done, default=0)
+
+    @property
     def temperature(self) -> float:
         """Latest temperature of the IMU, K; NaN if unknown."""
         return self.assembly.imu.temperature

@@ -8,7 +8,7 @@ first coefficient is advised, because the score tests show that it alone can be 
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from math import ceil, floor, log10, radians
@@ -17,12 +17,15 @@ import numpy as np
 
 from inercal.basics.errors import InercalError, InputError
 from inercal.basics.keys import PRIOR_OF, CoefficientName, ErrorName
+from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Advice, Change, with_changes
 from inercal.basics.units import Measured, format_value_and_uncertainty, si_factor
 from inercal.benches.key_declarations import declarations
 from inercal.calibration.best_cause import SuspectedCause, action_on, also, changes_text
 from inercal.estimation import Estimate
 from inercal.methods import METHODS
+from inercal.methods.observability import OBSERVABILITY_LIMIT
+from inercal.physics.sensors import G0
 from inercal.physics.sensors.coefficient_selection import select_coefficients
 from inercal.pipeline.outcome import FittedRun
 from inercal.pipeline.temperature_fit import fit_over_temperatures
@@ -142,7 +145,7 @@ class RunAdvisor:
         """Return whether the run file can state an uncertainty of a bench parameter."""
         scores = self._estimate.score_tests.scores
         full = {ErrorName(s.name).name: s.components[0] for s in scores if s.kind == "bench"}[name]
-        key, stated = self._key(name), self._run.sections.get("bench", {})
+        key, stated = bench_key(self._run.bench, name), self._run.sections.get("bench", {})
         if key not in self._run.kind.section.model_fields:
             return None
         text = self._text(key, stated.get(key), full, _SMALL, 0.0)
@@ -255,7 +258,8 @@ class RunAdvisor:
                 sizes["harmonics"] = (full, max(abs(size), sizes.get("harmonics", ("", 0.0))[1]))
                 harmonics[order - 1] = f"{_rounded_up(sizes['harmonics'][1] / si_factor('″'))} ″"
                 continue
-            key, size = self._key(name), max(abs(size), typical) if open_ else abs(size)
+            key = bench_key(self._run.bench, name)
+            size = max(abs(size), typical) if open_ else abs(size)
             if key not in sizes or size > sizes[key][1]:
                 sizes[key] = (full, size)
         if sizes.get("latitude", ("", 0.0))[1] > _WRONG_LATITUDE:
@@ -280,15 +284,6 @@ class RunAdvisor:
             text = f"{means[full] / line.si:.9g} ± {_rounded_up(abs(size) / line.si)} {line.unit}"
             changes.append(Change("method.prior", full, text))
         return tuple(changes)
-
-    def _key(self, name: str) -> str:
-        """Return the [bench] key that states a parameter."""
-        for field, one in declarations(type(self._run.bench)).items():
-            names = [field] if isinstance(one.parameters, str) else one.parameters
-            if name in names:
-                return one.key or field
-        stem = re.sub(r"(_[a-z12]|\d)$", "", name)
-        return _KEYS.get(name, _KEYS.get(stem, stem))
 
     def _text(self, key: str, stated: str | None, full: str, size: float, departure: float) -> str:
         """Return a deviation, or a measured constant with ±, as text for a run file.
@@ -346,6 +341,27 @@ def wald_statistic(estimate: Estimate, names: Sequence[str]) -> float:
     at = [estimate.names.index(name) for name in names]
     x, covariance = estimate.value[at], estimate.stated_covariance[np.ix_(at, at)]
     return float(x @ np.linalg.solve(covariance, x))
+
+
+def bench_key(bench: object, name: str) -> str:
+    """Return the [bench] key that states a parameter."""
+    for field, one in declarations(type(bench)).items():
+        names = [field] if isinstance(one.parameters, str) else one.parameters
+        if name in names:
+            return one.key or field
+    stem = re.sub(r"(_[a-z12]|\d)$", "", name)
+    return _KEYS.get(name, _KEYS.get(stem, stem))
+
+
+def large_uncertainties(run: Run, expected: Mapping[str, Parameter]) -> str:
+    """Name the [bench] keys with an uncertainty so large that it can hide a coefficient."""
+    keys = dict.fromkeys(
+        bench_key(run.bench, ErrorName(name).name)
+        for name, one in expected.items()
+        if one.sd > OBSERVABILITY_LIMIT * {"m/s²": G0}.get(one.unit, 1.0)
+    )
+    stated = [f"[bench] {key}" for key in keys if key in run.sections.get("bench", {})]
+    return f"; check {', '.join(stated)}, whose stated uncertainty is very large" if stated else ""
 
 
 def changed_run(run: Run, changes: tuple[Change, ...]) -> Run:

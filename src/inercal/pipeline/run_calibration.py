@@ -24,7 +24,7 @@ from inercal.methods.temperature import temperature_coefficients
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_selection import select_coefficients
 from inercal.pipeline.added_coefficients import with_added_coefficients
-from inercal.pipeline.advisor import RunAdvisor, changed_run
+from inercal.pipeline.advisor import RunAdvisor, changed_run, large_uncertainties
 from inercal.pipeline.calibration_record import (
     bench_estimates,
     prior_of_type,
@@ -124,6 +124,8 @@ def _fitted(
     except (InputError, NotObserved) as error:
         located = error.located(run.path)
         causes = _possible_causes(inputs, sensor, zero_rates, error)
+        if isinstance(error, NotObserved):
+            causes = f"{large_uncertainties(run, expected)}{causes}"
         located.args = (f"{located}{_usable_also(run, error)}{causes}",)
         raise located from None
     estimate = with_common_errors(run, inputs, estimate)
@@ -158,6 +160,7 @@ def _fitted(
         sections = "rows" if inputs.recording is None else "marks"
         if free:
             text = f"; perhaps the plan does not determine {', '.join(free)}{text}"
+        text = f"{large_uncertainties(run, expected)}{text}"
         raise InputError(
             f"{run.path}: the fit did not converge; check the {sections} and the plan{text}",
             file=run.path,
@@ -228,6 +231,7 @@ def section_notes(inputs: EstimatorInput) -> Iterator[str]:
         return
     before, after = recording.gaps.T
     lost = recording.time[after] - recording.time[before]
+    lost[list(inputs.pauses)] = 0.0
     for mark in inputs.marks:
         missing = float(lost[(before >= mark.start) & (after < mark.stop)].sum())
         span = recording.span(mark.start, mark.stop)

@@ -147,11 +147,11 @@ def _recorded_noise(
         )
         text = (
             f"{name}: [sensor.{section}] white is {_times(ratio)}: it is {white} {unit}, but the "
-            f"noise of the recording is {recorded} {unit}; check white, unit and scale of "
-            f"[sensor.{section}]"
+            f"noise of the recording is {recorded} {unit}; "
         )
         if severity == "warning" and ratio > 1 and severe:
-            text += "; U is too large, because it is computed from the stated noise"
+            text += "U is too large, because it is computed from the stated noise; "
+        text += f"check white, unit and scale of [sensor.{section}]"
         yield Finding(severity, "noise", text, name, factor=ratio)
 
 
@@ -203,7 +203,7 @@ def _noise_of_means(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
 def _means_finding(section: str, ratio: float) -> Finding:
     text = (
         f"the means scatter less than stated: [data.sd] of {section} is {_times(ratio)}; U is too "
-        f"large, because it is computed from this value"
+        f"large, because it is computed from this value; check values and units in [data.sd]"
     )
     return Finding("warning", "noise", text, factor=ratio)
 

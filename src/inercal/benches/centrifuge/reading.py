@@ -58,6 +58,10 @@ def norm_refusal(
     if (refusal := _refusal(run, bench, norms, rates, labels)) is not None:
         return refusal
     expected = np.hypot(bench.gravity.value, rates**2 * bench.radius.value)
+    k = int(np.argmin(norms / expected))
+    if _IMPOSSIBLE * norms[k] < expected[k]:
+        text = f"{_off(labels[k], norms[k], expected[k])}; correct the rate or reading of this row"
+        return Finding("refused", "norm", text)
     k = int(np.argmax(norms / expected))
     if norms[k] < _IMPOSSIBLE * expected[k]:
         return None  # screening names smaller mistakes and what would correct them

@@ -1,7 +1,7 @@
 """Check the unit, sign and axis of the rates, and the axis that is up, against the readings."""
 
 from collections.abc import Callable, Sequence
-from math import sqrt
+from math import degrees, sqrt
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import si_factor
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
+from inercal.benches.rate_platform.sections import SMALL_RATE, KnownTurn, PlatformStep, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Mark, Observations, Recording
@@ -18,6 +18,8 @@ from inercal.recordings.data import RunBase
 _LEAST_RATE = 1e-3  # rad/s: slower rates may be smaller than a bias
 _CLEAR = 0.5  # times the stated rate: a clear reading on another axis or with the other sign
 _USABLE = (0.67, 1.5)  # times nominal: range of scale factors if the run file is correct
+_NONLINEAR = 0.15  # largest relative change of a gyro's scale factor from rate to rate
+_FEWEST = 3  # rows at a rate: with fewer, any of them may be the wrong one
 _NEAR = 0.1  # relative tolerance for the ratio of two units
 _UNITS = ("rad/s", "rpm", "rev/s", "°/s")
 _STEEPEST = 0.7  # cosine of 45°
@@ -33,7 +35,7 @@ def require_rates(
     bench: RatePlatform,
     steps: Sequence[PlatformStep],
 ) -> None:
-    """Refuse rates whose unit, sign or axis disagrees with the gyros.
+    """Refuse rates whose unit, size, sign or axis disagrees with the gyros.
 
     Raises
     ------
@@ -66,9 +68,43 @@ def require_rates(
         if one < -_CLEAR * ratio:
             text = f"{names[own[k]]} reads it with the opposite sign"
             _refuse_row(run, steps[k], text)
+    if len(turning) >= _FEWEST:
+        _require_sizes(run, steps, dict(zip(turning, along.tolist(), strict=True)), read, nominal)
     if not _USABLE[0] < ratio < _USABLE[1]:
         with error_location(run.path):
             _refuse_unit(run, ratio)
+
+
+def _require_sizes(
+    run: RunBase[RatePlatformData],
+    steps: Sequence[PlatformStep],
+    along: dict[int, float],
+    read: Array,
+    nominal: Array,
+) -> None:
+    """Refuse a row whose rate has another size than its gyro reads, judged by the other rows.
+
+    `along` contains the ratio of reading to rate of each row that turns. A row may fit the median
+    ratio of all rows, or of the others of its gyro, or the gyro may be clipped.
+    """
+    own, overall = np.argmax(np.abs(nominal), axis=1), float(np.median(list(along.values())))
+    for k, step in enumerate(steps):
+        if not isinstance(step, RateDwell) or (step.rate != 0 and k not in along):
+            continue
+        j = int(own[k] if k in along else np.argmax(np.abs(read[k])))
+        others = [one for n, one in along.items() if own[n] == j and n != k] or [overall]
+        size = float(read[k, j])
+        expected = [float(nominal[k, j]) * one for one in (overall, float(np.median(others)))]
+        largest = abs(size) > (1 - _NEAR) * np.abs(read[:, j]).max()
+        clipped = largest and abs(size) < min(map(abs, expected))
+        if not clipped and all(_differ(size, one) for one in expected):
+            text = f"{run.sensor.select_axes('w').channels[j]} reads {degrees(size):.4g} °/s"
+            _refuse_row(run, step, text, "correct its rate in the table or label, or leave it out")
+
+
+def _differ(one: float, other: float) -> bool:
+    """Return whether two rates are too different for a nonlinearity or a dead band."""
+    return abs(one - other) > max(SMALL_RATE, _NONLINEAR * max(abs(one), abs(other)))
 
 
 def _rough_bias(read: Array, nominal: Array) -> Array:
@@ -81,10 +117,14 @@ def _rough_bias(read: Array, nominal: Array) -> Array:
     return bias
 
 
-def _refuse_row(run: RunBase[RatePlatformData], step: PlatformStep, text: str) -> None:
+_ORDER = "correct axis or sign of the rate in the table, or the order, signs and axes of the gyros"
+
+
+def _refuse_row(
+    run: RunBase[RatePlatformData], step: PlatformStep, text: str, advice: str = _ORDER
+) -> None:
     raise InputError(
-        f"{run.path}: row {step.label} is {step.describe()}, but {text}; correct axis or sign of "
-        "the rate in the table, or the order, signs and axes of the gyros",
+        f"{run.path}: row {step.label} is {step.describe()}, but {text}; {advice}",
         file=run.path,
         names=(step.label,),
     )

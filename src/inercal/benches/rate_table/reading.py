@@ -150,8 +150,8 @@ def require_rates(
     worst = int(np.argmax(np.abs(read / result - 1) * turning))
     raise InputError(
         f"{run.path}: {steps[worst].label}: the readings' norm is {read[worst]:.4g} m/s², but "
-        f"radius and rate give {result[worst]:.4g} m/s²; check arm_rate_unit, [bench] radius and "
-        "the scale in [sensor.accelerometer]",
+        f"radius and rate give {result[worst]:.4g} m/s²; check its rate, arm_rate_unit, [bench] "
+        "radius and the scale in [sensor.accelerometer]",
         file=run.path,
         names=(steps[worst].label,),
     )

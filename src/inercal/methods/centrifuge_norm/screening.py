@@ -137,8 +137,9 @@ def screen_rows(
     fit, noise = agreement.fit, agreement.noise
     bad: list[int] = agreement.outlier_rows.tolist()
     if agreement.inconsistent:
+        named = f" ({observations.labels[bad[0]]})" if len(bad) == 1 else ""
         raise InputError(
-            f"{len(bad)} of {len(steps)} rows are outliers, and the norms of the others "
+            f"{len(bad)} of {len(steps)} rows are outliers{named}, and the norms of the others "
             f"scatter {noise:.3g} times as much as stated; check the rates, the radius and the "
             "nominal scale before you check individual rows, and whether the accelerometers have "
             'lever arms ([data] attitude with [method] also = ["arm_i"] estimates them)',

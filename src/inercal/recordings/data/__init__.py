@@ -351,6 +351,8 @@ class EstimatorInput:
     characteristics : tuple of Characteristic
         Characteristics of each axis by the definitions of the standards, for the report and the
         output of `--json`.
+    pauses : tuple of int
+        Numbers of the recording's gaps during which the bench did not record on purpose.
     """
 
     recording: Recording | None
@@ -364,6 +366,7 @@ class EstimatorInput:
     bench: Any = None
     notes: tuple[str, ...] = ()
     characteristics: tuple[Any, ...] = ()
+    pauses: tuple[int, ...] = ()
 
     def rows(self, at: Sequence[int]) -> "EstimatorInput":
         """Return the input with only some of its rows; the fit does not use the others."""

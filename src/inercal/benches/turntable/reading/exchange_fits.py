@@ -27,6 +27,7 @@ from inercal.benches.stated_axes import (
 )
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.reading.sample_checks import wild_samples
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import GAP_FACTOR, Track, sample_count
 
@@ -68,13 +69,16 @@ class BlockMeans:
 
 
 def block_means(track: Track, sensor: Sensor) -> BlockMeans:
-    """Return the block means for one trial's track, (n, m) readings, without blocks with a gap."""
+    """Return the means of one trial's track, (n, m) readings, over blocks without gap or spike."""
     step = float(np.median(np.diff(track.time)))
     size = max(sample_count(_BLOCK, step), 1)
     first = np.arange(0, track.time.size - size, size)
     last = first + size
     span = track.time[last] - track.time[first]
     complete = span < (size + GAP_FACTOR - 1) * step
+    for axis, column in zip(sensor.axes, track.reading.T, strict=False):
+        for start, stop in wild_samples(column, axis.measures).tolist():
+            complete[start // size : (stop - 1) // size + 1] = False
     turned = (track.angles[last] - track.angles[first]) / span[:, None]
     mean = np.add.reduceat(track.reading[: last[-1]], first, axis=0) / size
     readings = {

@@ -11,9 +11,10 @@ p, q and c nonlinearities. τ is the delay of the readback relative to the gyros
 second-order lag. Each gyro has its own parameters. The parameters start with the standard
 deviations below, and every window without a fault narrows them, so that a turn is compared with all
 turns before it. Biases may wander by 0.002 °/s and the stated instability, and τ by the stated rate
-of the readback's clock. The noise consists of the gyros' noise (stated, or as seen in the window if
-that is more), the rounding errors of coarse readings and the readback's noise. If an interpolated
-readback nearly stands still, its angle is taken to be within 10″.
+of the readback's clock, in proportion to the length of a pause. The noise consists of the gyros'
+noise (stated, or as seen in the window if that is more), the rounding errors of coarse readings and
+the readback's noise. If an interpolated readback nearly stands still, its angle is taken to be
+within 10″.
 
 With r = g − v minus its prediction, and W the inverse of its covariance, a fault with the signature
 s has the significance sᵀ W r / √(sᵀ W s). The signatures are, for each axis, a step at a knot, a
@@ -25,6 +26,7 @@ neighbouring increments by −½. `readback_increments` calculates W.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
+from itertools import pairwise
 from math import degrees, hypot, inf, radians, sqrt
 from typing import Literal, NamedTuple
 
@@ -46,6 +48,7 @@ from inercal.recordings import Finding, Track, join_tracks
 _Fault = Literal["step", "drift", "delay", "noise"]
 _WINDOW = 10.0  # s
 _FEWEST = 20  # increments
+_PAUSE = 1.0  # s: a window ends at a longer gap
 _DRIFT_STEP = 5  # increments between possible beginnings of a drift
 # Standard deviations: a run has thousands of places for a step, but one noise value per window.
 _SIGNIFICANT: dict[_Fault, float] = {"step": 6.0, "drift": 6.0, "delay": 6.0, "noise": 4.5}
@@ -142,7 +145,8 @@ class GyroComparison:
         self._root = np.tile(np.diag(sd), (len(gyros), 1, 1))
         self._wander = np.zeros((len(gyros), sd.size, 2))
         self._wander[:, 0, 0] = wander
-        self._wander[:, 1, 1] = hypot(bench.clock * _WINDOW, _DELAY_WANDER)
+        self._wander[:, 1, 1] = _DELAY_WANDER
+        self._known = inf  # s: end of the last window without a fault
         self._waiting: list[Track] = []
         self._step = 0.0  # s between samples; 0 before there are any
         self._coarse = np.zeros(len(gyros))  # rad/s, steps of readings whose noise is smaller
@@ -169,10 +173,19 @@ class GyroComparison:
     def _compare(self, *, last: bool) -> list[ReadbackDifference]:
         track = join_tracks(self._waiting) if len(self._waiting) > 1 else self._waiting[0]
         self._waiting = []
-        found: list[ReadbackDifference] = []
-        start, begin = 0, track.time[track.time <= track.time[0] + _WINDOW]
+        begin = track.time[track.time <= track.time[0] + _WINDOW]
         if not self._step and begin.size > 1:
             self._step = float(np.median(np.diff(begin)))
+        ends = [0, *(np.flatnonzero(np.diff(track.time) > _PAUSE) + 1).tolist(), track.time.size]
+        return [
+            one
+            for start, stop in pairwise(ends)
+            for one in self._compare_piece(track.slice(start, stop), last or stop < ends[-1])
+        ]
+
+    def _compare_piece(self, track: Track, last: bool) -> list[ReadbackDifference]:
+        """Compare a track without a pause; unless it is the last, keep what fills no window."""
+        found: list[ReadbackDifference] = []
         spacing = KnotSpacing(self._step or 1.0)
         every, margin = spacing.every, spacing.margin
         size = max(round(_WINDOW / spacing.step / every), _FEWEST) * every
@@ -205,7 +218,10 @@ class GyroComparison:
         if knots.dt.size < _FEWEST:
             return []
         residual = knots.difference - np.einsum("gnp,gp->gn", knots.columns, self._mean)
-        root = np.concatenate([self._root, self._wander], axis=-1)
+        windows = max((knots.end - self._known) / _WINDOW, 1.0)
+        wander = self._wander * sqrt(windows)
+        wander[:, 1, 1] = np.hypot(wander[:, 1, 1], self._bench.clock * _WINDOW * windows)
+        root = np.concatenate([self._root, wander], axis=-1)
         fit = WindowFit(
             self._variance(knots, residual), knots.between, residual, knots.columns @ root
         )
@@ -222,7 +238,7 @@ class GyroComparison:
             *self._noise_of_readback(knots, noise),
         ]
         if not found:
-            self._mean = self._mean + change
+            self._mean, self._known = self._mean + change, knots.end
             self._root = np.linalg.qr(half.swapaxes(-1, -2)).R.swapaxes(-1, -2)
         return found
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_duration
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Finding, Recording, Track, sample_count
 from inercal.recordings.segments.attitudes import INVALID_SAMPLES
@@ -22,6 +23,7 @@ _TURNING = radians(1)  # rad/s
 _LASTING = 1.0  # s during which gyros measure a turn while the readback is constant
 _FLAT = 0.3  # s in total during which gyros stay at one value while the table turns
 _ALONE = {"f": 0.3 * G0, "w": radians(5)}  # a spike exceeds both neighbours by this, and
+_LONGEST = 10  # samples of a spike
 _SIGMAS = 30.0  # by this many times the usual second difference
 _JUMP = radians(10)  # a jump of the readback exceeds both neighbours by this
 _WHOLE_TURNS = {"°": 360.0, "rad": 2 * pi, "″": 1_296_000.0}
@@ -117,7 +119,7 @@ def require_readback(where: str, recording: Recording, angles: Array, names: Seq
         A row jumps. The message names the row, the time and the column.
     """
     for name, column in zip(names, angles.T, strict=True):
-        k = _isolated_samples(column, _JUMP)
+        k = _isolated_samples(column, _JUMP, 1)[:, 0]
         if k.size:
             row, rest = int(k[0]), k.size - 1
             more = f" ({rest} further rows jump too)" if rest else ""
@@ -173,18 +175,20 @@ def require_turning(where: str, track: Track, sensor: Sensor, names: Sequence[st
 
 
 def spike_findings(recording: Recording, sensor: Sensor) -> tuple[Finding, ...]:
-    """Return a warning for each reading that is far from both its neighbours."""
+    """Return a warning for each reading, or few rows, far from the readings before and after."""
     found: list[Finding] = []
     for axis in sensor.axes:
         column = recording.data[:, recording.channels.index(axis.name)]
         si = (column - axis.readout.offset) / axis.readout.scale
-        for k in _isolated_samples(si, _ALONE[axis.measures])[:_NAMED].tolist():
+        for k, stop in wild_samples(si, axis.measures)[:_NAMED].tolist():
+            where = recording.where(k)
+            rows = f"{where} to {recording.where(stop - 1)}" if stop - k > 1 else where
             text = (
-                f"{axis.name} reads {column[k]:.5g} {axis.readout.unit} in {recording.where(k)} "
-                f"({recording.time[k]:.6g} s), between {column[k - 1]:.5g} and "
-                f"{column[k + 1]:.5g}; remove the row"
+                f"{axis.name} reads {column[k]:.5g} {axis.readout.unit} in {rows} "
+                f"({recording.time[k]:.6g} s), between {column[k - 1]:.5g} before and "
+                f"{column[stop]:.5g} after; remove {rows}"
             )
-            found.append(Finding("warning", "outlier", text, axis.name, k, k + 1))
+            found.append(Finding("warning", "outlier", text, axis.name, k, stop))
     return tuple(found)
 
 
@@ -220,13 +224,23 @@ def _largest_axis_rate(track: Track) -> Array:
     return rate
 
 
-def _isolated_samples(column: Array, least: float) -> NDArray[np.int64]:
-    """Return samples that differ from both neighbours, while the neighbours differ as usual."""
-    before, after = column[1:-1] - column[:-2], column[1:-1] - column[2:]
-    beyond = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
-    if not (beyond > least).any():
-        return np.empty(0, np.int64)
-    usual = _NORMAL * float(np.median(np.abs(before - after)))
-    apart = np.abs(column[2:] - column[:-2])
-    lonely = (beyond > max(least, _SIGMAS * usual)) & (apart < 0.5 * beyond)
-    return np.flatnonzero(lonely) + 1
+def wild_samples(column: Array, kind: Measures) -> NDArray[np.int64]:
+    """Return the first sample of each spike in readings, SI, and the one after it, (k, 2)."""
+    return _isolated_samples(column, _ALONE[kind], _LONGEST)
+
+
+def _isolated_samples(column: Array, least: float, longest: int) -> NDArray[np.int64]:
+    """Return groups, (k, 2), of at most `longest` samples that are far from both neighbours."""
+    steps = np.abs(np.diff(column))
+    if not (steps > least).any():
+        return np.empty((0, 2), np.int64)
+    usual = _NORMAL * float(np.median(np.abs(np.diff(column, 2))))
+    jumps = np.flatnonzero(steps > max(least, _SIGMAS * usual))
+    wild = np.zeros(column.size + 1, np.int8)
+    for k in range(1, longest + 1):
+        before, last = jumps[:-k], jumps[k:]
+        apart = np.abs(column[last + 1] - column[before])
+        lonely = (last - before <= longest) & (2 * apart < np.minimum(steps[before], steps[last]))
+        for start, stop in zip(before[lonely].tolist(), last[lonely].tolist(), strict=True):
+            wild[start + 1 : stop + 1] = 1
+    return np.flatnonzero(np.diff(wild, prepend=0)).reshape(-1, 2)

@@ -20,7 +20,7 @@ from inercal.benches.turntable.bench import (
 from inercal.benches.turntable.reading import sample_checks
 from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
 from inercal.benches.turntable.reading.gyro_comparison import gyro_comparison_findings
-from inercal.benches.turntable.reading.host_readback import Interruption
+from inercal.benches.turntable.reading.host_readback import Interruption, are_interrupted
 from inercal.benches.turntable.reading.implied_rates import (
     RateRegression,
     check_earth_rate,
@@ -137,6 +137,8 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
         # If turns are split, an error of the readback is the cause, so report that.
         causes = [one.message for one in findings if one.what == "readback"]
         raise error.located(f"{run.path}: {'; '.join(causes)}") if causes else error from None
+    before, after = recording.time[recording.gaps].T
+    known = are_interrupted(before, after, (*read.interruptions, *soaks.waits))
     return EstimatorInput(
         recording,
         marks,
@@ -147,6 +149,7 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
         _conditions(read, steps),
         bench=bench,
         notes=read.notes,
+        pauses=tuple(np.flatnonzero(known).tolist()),
     )
 
 
