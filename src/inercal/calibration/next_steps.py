@@ -21,9 +21,12 @@ COARSE_READINGS = "coarse readings"
 """`Finding.what` for rounding errors that a method does not include."""
 WRONG_SOAK = "soak"
 """`Finding.what` for a soak that alone disagrees with the model."""
+SOAK_OR_ORDER = "soak or order"
+"""`Finding.what` for terms that no soak would test, which a wrong temperature would also cause."""
 CAUSES = {
     OPPOSITE_SIGN: "the accelerometers or the gyros have the wrong sign",
     COARSE_READINGS: "rounding, whose errors this method does not include",
+    SOAK_OR_ORDER: "a wrong temperature of one soak, a change of the sensor, or a higher order",
     WRONG_SOAK: "the temperature of this soak is wrong, or the sensor changed in it",
 }  # by `Finding.what`: no other cause can be tested while one of these is present
 # How the last clause of a finding begins if it says what to do.
@@ -33,6 +36,11 @@ _REMEDY = re.compile(
 )
 _REMEDIES_BY_KIND = {"gap": "record again, or check the cable and port of the sensor"}
 _AGAIN = "measure it again, or "
+
+
+def known_cause(finding: Finding) -> str:
+    """Return the most likely cause if this finding implies one; otherwise ""."""
+    return finding.cause or CAUSES.get(finding.what, "")
 
 
 class NextStep(NamedTuple):
@@ -108,11 +116,11 @@ def steps_on_findings(
 ) -> Iterator[NextStep]:
     """Yield steps that resolve findings: changes that add coefficients, or other remedies."""
     given = {word for one in steps if one.advice for word in one.advice.coefficients}
-    for finding in sorted(findings, key=lambda one: one.what not in CAUSES):
+    for finding in sorted(findings, key=lambda one: not known_cause(one)):
         advice = Advice(finding.what, finding.changes)
         if set(advice.coefficients) - given and (tried := advisor.on_changes(advice)):
             yield NextStep(sentence(_changes_words(tried)), tried)
-        elif finding.severity != "note" or finding.what in CAUSES:
+        elif finding.severity != "note" or known_cause(finding):
             remedy = finding.message.rpartition("; ")[2]
             if not _REMEDY.match(remedy):
                 remedy = _REMEDIES_BY_KIND.get(finding.what, "")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from inercal.basics.errors import InercalError, InputError, NotObserved, error_location
-from inercal.basics.units import ZERO_CELSIUS, Measured, format_duration
+from inercal.basics.units import ZERO_CELSIUS, Measured, format_count, format_duration
 from inercal.benches import Bench
 from inercal.calibration import Calibration
 from inercal.calibration.best_cause import also as also_change
@@ -122,7 +122,8 @@ def _fitted(
                 observations, solver_sensor, bench, inputs.plan, run.priors
             )
     except (InputError, NotObserved) as error:
-        located = error.located(run.path)
+        flaws = _flaws_in_words(inputs.findings)
+        located = error.located(f"{run.path}: {flaws}" if flaws else run.path, file=run.path)
         causes = _possible_causes(inputs, sensor, zero_rates, error)
         located.args = (f"{located}{_usable_also(run, error)}{causes}",)
         raise located from None
@@ -364,6 +365,17 @@ def _usable_also(run: Run, error: InercalError) -> str:
     if free:
         return ""
     return f"; use {changes_text((also_change(kept),))}" if kept else "; remove [method] also"
+
+
+def _flaws_in_words(findings: Sequence[Finding]) -> str:
+    """Return the channels that are saturated or stuck, as the start of a refusal; "" if none."""
+    found = [one for one in findings if one.what in ("saturation", "stuck") and one.channel]
+    if not found:
+        return ""
+    channels = ", ".join(dict.fromkeys(str(one.channel) for one in found))
+    parts = format_count(len(found), "part")
+    text = f"flaws of {channels} in {parts} of the recording ({found[0].message})"
+    return f"{text} may be the reason; record these parts again"
 
 
 def _possible_causes(

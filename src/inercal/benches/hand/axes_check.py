@@ -11,6 +11,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Recording
 from inercal.recordings.data import RestsSection, RunBase
@@ -25,8 +26,8 @@ from inercal.recordings.segments.gravity_turns import (
 
 _BY_READINGS = "the positions were identified by the axis that reads gravity"
 _UNKNOWN = (
-    f"{_BY_READINGS}: exchanged columns and reversed axes cannot be detected, because no turns "
-    "between rests were recorded; hold one known axis up and compare, or state the marks"
+    f"{_BY_READINGS}: exchanged columns and reversed axes cannot be detected, because {{}}; hold "
+    "one known axis up and compare, or state the marks"
 )
 
 _FAR = 0.5  # of gravity; larger than the bias of any working accelerometer
@@ -56,15 +57,21 @@ def check_axes(
     found = judge_turns(read_gravity_turns(recording, run.sensor, ordered))
     if found.agree is not False:
         return found, ()
-    changes = ", or if ".join(_with_columns(one, run) for one in found.changes)
+    likely, *others = sorted((_with_columns(one, run) for one in found.changes), key=len)
+    changes = ", or if ".join((likely, *others))
     text = (
         f"{found.turns} turns between rests do not agree with gravity as recorded; they agree only "
-        f"if {changes}: {_advice(found.changes)}{run.sensor.negative_scales}"
+        f"if {changes}"
     )
-    if not (found.unique and found.clear):
-        return found, (Finding("warning", "axes", text),)
+    advice = f"{_advice(found.changes)}{run.sensor.negative_scales}"
+    if not found.clear:
+        return found, (Finding("warning", "axes", f"{text}; {advice}"),)
+    if not found.unique:
+        more = f", or {format_count(len(others), 'other change')} of axes" if others else ""
+        cause = f"{likely}{more}"
+        return found, (Finding("refused", "axes", f"{text}; {advice}", cause=cause),)
     raise InputError(
-        f"{recording.source or run.data.file}: {text}",
+        f"{recording.source or run.data.file}: {text}: {advice}",
         file=run.file(run.data.file),
         key="[data] accelerometer",
         names=found.changes,
@@ -96,8 +103,13 @@ def _advice(changes: Sequence[str]) -> str:
 
 def positions_note(found: TurnVerdict) -> str:
     """Return a note on how far the turns confirm the order and the signs of the axes."""
-    if not (found.agree and found.unique):
-        return _UNKNOWN
+    if found.agree and not found.unique:
+        why = f"the {found.turns} turns between rests also agree with another order or other signs"
+        return _UNKNOWN.format(why)
+    if found.agree is None:
+        return _UNKNOWN.format("too few turns between rests can be compared with gravity")
+    if not found.agree:
+        return f"{_BY_READINGS}, but the turns between rests do not agree with the axes as recorded"
     return (
         f"{_BY_READINGS}, and {found.turns} turns between rests agree with gravity to "
         f"{degrees(found.misfit):.1f}°, and with no other order or signs of the axes; if both "
