@@ -11,7 +11,14 @@ from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, changes_text
 from inercal.calibration.detectability import UndetectableCause
 from inercal.calibration.explanation import fit, sentence
 from inercal.calibration.grade import Assessment
-from inercal.estimation.scores import COMMON_DRIFT, HYSTERESIS, SIGNIFICANCE_LEVEL, SLOW_NOISE
+from inercal.estimation.scores import (
+    AT_START,
+    AT_STOP,
+    COMMON_DRIFT,
+    HYSTERESIS,
+    SIGNIFICANCE_LEVEL,
+    SLOW_NOISE,
+)
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding
 
@@ -94,6 +101,14 @@ def steps_on_cause(
         yield NextStep(f"Look at the readings of “{row.name}”, and repeat this {row_word}.")
     yield from slow if suspect is not None else ()
     for name in rejecting:
+        kind, _, where = name.partition("burst ")
+        if not kind and where.startswith((AT_START, AT_STOP)):
+            yield NextStep(
+                "Check whether the labels are some rows early or late; each section must contain "
+                "only rest."
+            )
+        elif not kind:
+            yield NextStep(f"Check whether the sensor was touched {where}, and repeat it.")
         if name.startswith(CHANGE_PREFIX):
             where = name.removeprefix(CHANGE_PREFIX)
             yield NextStep(f"Check whether the sensor was touched {where}, and repeat it.")

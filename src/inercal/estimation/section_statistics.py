@@ -58,7 +58,7 @@ from inercal.estimation.correlation import (
     fit_correlations,
     moderated_variances,
 )
-from inercal.estimation.scores import COMMON_DRIFT, SLOW_NOISE, ModelTest
+from inercal.estimation.scores import AT_START, AT_STOP, COMMON_DRIFT, SLOW_NOISE, ModelTest
 
 _BATCHES, _FEW_BATCHES, _FEW_SAMPLES = 16, 8, 64
 _OF_SLOPES = 3  # levels whose scatter is close to that of slopes
@@ -211,7 +211,8 @@ def analyse_sections(
     p = np.stack([one.p for one in tests], axis=-1)
     section, channel, kind = (int(k) for k in np.unravel_index(np.argmin(p), p.shape))
     shape = tests[kind].shape
-    name = f"{shape} within {labels[section]} ({names[used[channel]]})"
+    where = _at_end(sections, relative, section, channel) if shape == "burst" else ""
+    name = f"{shape} {where or 'within'} {labels[section]} ({names[used[channel]]})"
     disturbance_variance = np.zeros((r, len(names)))
     for one in tests:
         shift = one.power / sections.samples[:, None] * size[used] ** 2
@@ -289,6 +290,14 @@ def _bursts(
             # Neighbours may have moved in the same direction: their shifts add up.
             power[few - 1, own] = few * largest / c
     return [_DisturbanceTests("burst", *one) for one in zip(p, power, strict=True)]
+
+
+def _at_end(sections: Contrasts, relative: Sequence[Array], section: int, channel: int) -> str:
+    """Return AT_START or AT_STOP if the largest contrast is there; otherwise ""."""
+    finest = next(one for one in relative if 2 * one.shape[1] == sections.batches[section])
+    squares = np.square(finest[section, :, channel])
+    places = {0: AT_START, len(squares) - 1: AT_STOP}
+    return places.get(int(np.argmax(squares)), "")
 
 
 def _trend(

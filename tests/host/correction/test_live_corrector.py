@@ -191,6 +191,13 @@ def test_an_exchanged_column_is_recognised_by_any_form_of_its_name(form: str, tm
     assert crossed_columns(run_of(tmp_path, data)) == "gx = gy, gy = gx"
 
 
+def test_a_missing_temperature_is_refused_with_the_key_of_the_run_file(tmp_path: Path):
+    run = run_of(tmp_path, "\n".join(one for one in NAMED.split("\n") if "temperature" not in one))
+    (tmp_path / "samples.csv").write_text(HEADER + "\n" + "".join(lines(20, 8)), encoding="utf-8")
+    with refused(file=run.path, key="[data] temperature"):
+        apply(calibration_of(run, *LINEAR, "k0_dT"), run)
+
+
 @pytest.mark.parametrize(
     ("readout", "differs"),
     [({"offset": 3.0}, "1 g/g and 3"), ({"scale": 0.2}, "1 g/g and 0")],
