@@ -12,8 +12,7 @@ from inercal.calibration.detectability import UndetectableCause
 from inercal.calibration.explanation import fit, sentence
 from inercal.calibration.grade import Assessment
 from inercal.estimation.scores import (
-    AT_START,
-    AT_STOP,
+    BURST_AT,
     COMMON_DRIFT,
     HYSTERESIS,
     SIGNIFICANCE_LEVEL,
@@ -43,11 +42,6 @@ _REMEDY = re.compile(
 )
 _REMEDIES_BY_KIND = {"gap": "record again, or check the cable and port of the sensor"}
 _AGAIN = "measure it again, or "
-
-
-def known_cause(finding: Finding) -> str:
-    """Return the most likely cause if this finding implies one; otherwise ""."""
-    return finding.cause or CAUSES.get(finding.what, "")
 
 
 class NextStep(NamedTuple):
@@ -101,16 +95,10 @@ def steps_on_cause(
         yield NextStep(f"Look at the readings of “{row.name}”, and repeat this {row_word}.")
     yield from slow if suspect is not None else ()
     for name in rejecting:
-        kind, _, where = name.partition("burst ")
-        if not kind and where.startswith((AT_START, AT_STOP)):
-            yield NextStep(
-                "Check whether the labels are some rows early or late; each section must contain "
-                "only rest."
-            )
-        elif not kind:
-            yield NextStep(f"Check whether the sensor was touched {where}, and repeat it.")
-        if name.startswith(CHANGE_PREFIX):
-            where = name.removeprefix(CHANGE_PREFIX)
+        if name.startswith(BURST_AT):
+            yield NextStep("Check whether the labels are some rows early or late.")
+        elif name.startswith((CHANGE_PREFIX, "burst ")):
+            where = name.partition(" ")[2]
             yield NextStep(f"Check whether the sensor was touched {where}, and repeat it.")
 
 
@@ -131,11 +119,11 @@ def steps_on_findings(
 ) -> Iterator[NextStep]:
     """Yield steps that resolve findings: changes that add coefficients, or other remedies."""
     given = {word for one in steps if one.advice for word in one.advice.coefficients}
-    for finding in sorted(findings, key=lambda one: not known_cause(one)):
+    for finding in sorted(findings, key=lambda one: not (one.cause or one.what in CAUSES)):
         advice = Advice(finding.what, finding.changes)
         if set(advice.coefficients) - given and (tried := advisor.on_changes(advice)):
             yield NextStep(sentence(_changes_words(tried)), tried)
-        elif finding.severity != "note" or known_cause(finding):
+        elif finding.severity != "note" or finding.what in CAUSES:
             remedy = finding.message.rpartition("; ")[2]
             if not _REMEDY.match(remedy):
                 remedy = _REMEDIES_BY_KIND.get(finding.what, "")

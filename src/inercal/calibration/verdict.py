@@ -45,8 +45,8 @@ from inercal.calibration.grade import (
     two_digits,
 )
 from inercal.calibration.next_steps import (
+    CAUSES,
     NextStep,
-    known_cause,
     next_line,
     steps_on_cause,
     steps_on_findings,
@@ -142,7 +142,7 @@ def verdict(
         # Otherwise the error cannot occur in this run.
         and (accepted := advisor.accepts_uncertainty(name)) is not False
     }
-    known = next(filter(None, map(known_cause, findings)), "")
+    known = next(filter(None, (one.cause or CAUSES.get(one.what) for one in findings)), "")
     steps = [
         *(() if known else steps_on_cause(assessment, advisor, tuple(far), row_word, row)),
         *steps_on_undetectable(unseen, sensor, advisor, possible),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from inercal.basics.errors import InercalError, InputError, NotObserved, error_location
-from inercal.basics.units import ZERO_CELSIUS, Measured, format_count, format_duration
+from inercal.basics.units import ZERO_CELSIUS, Measured, format_duration
 from inercal.benches import Bench
 from inercal.calibration import Calibration
 from inercal.calibration.best_cause import also as also_change
@@ -27,6 +27,7 @@ from inercal.pipeline.added_coefficients import with_added_coefficients
 from inercal.pipeline.advisor import RunAdvisor, changed_run
 from inercal.pipeline.calibration_record import (
     bench_estimates,
+    crossed_columns,
     prior_of_type,
     provenance,
     run_conditions,
@@ -122,8 +123,7 @@ def _fitted(
                 observations, solver_sensor, bench, inputs.plan, run.priors
             )
     except (InputError, NotObserved) as error:
-        flaws = _flaws_in_words(inputs.findings)
-        located = error.located(f"{run.path}: {flaws}" if flaws else run.path, file=run.path)
+        located = error.located(f"{run.path}{_flaws_in_words(inputs.findings)}", file=run.path)
         causes = _possible_causes(inputs, sensor, zero_rates, error)
         located.args = (f"{located}{_usable_also(run, error)}{causes}",)
         raise located from None
@@ -188,6 +188,7 @@ def _fitted(
             *inputs.notes,
             *section_notes(inputs),
             *observations.notes,
+            *(f"[data] takes {c}, judged by their names." for c in [crossed_columns(run)] if c),
             *estimate.notes,
             *(() if thermal is None else thermal.notes),
             *gravity_notes(bench, sensor, estimate),
@@ -368,14 +369,10 @@ def _usable_also(run: Run, error: InercalError) -> str:
 
 
 def _flaws_in_words(findings: Sequence[Finding]) -> str:
-    """Return the channels that are saturated or stuck, as the start of a refusal; "" if none."""
-    found = [one for one in findings if one.what in ("saturation", "stuck") and one.channel]
-    if not found:
-        return ""
-    channels = ", ".join(dict.fromkeys(str(one.channel) for one in found))
-    parts = format_count(len(found), "part")
-    text = f"flaws of {channels} in {parts} of the recording ({found[0].message})"
-    return f"{text} may be the reason; record these parts again"
+    """Return the readings that cannot be used, as the start of a refusal; "" if there are none."""
+    flaws = ("saturation", "stuck", "axes")
+    found = {one.channel: one.message for one in reversed(findings) if one.what in flaws}
+    return f": {'; '.join(found.values())}; check these readings first" if found else ""
 
 
 def _possible_causes(

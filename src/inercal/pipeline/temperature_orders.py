@@ -114,10 +114,10 @@ def last_terms(
     except (InputError, NotObserved):
         return ()
     drop, lost = max(float(final.chi2 - other.chi2), 0.0), final.dof - other.dof
-    explained = chi2_tail_probability(drop, lost, final.noise_dof) < _SURE
     left = chi2_tail_probability(float(other.chi2), other.dof, other.noise_dof)
-    terms = dict.fromkeys(CoefficientName(name).term for name in further)
-    return tuple(terms) if explained and left >= SIGNIFICANCE_LEVEL else ()
+    if chi2_tail_probability(drop, lost, final.noise_dof) > _SURE or left < SIGNIFICANCE_LEVEL:
+        return ()
+    return tuple(dict.fromkeys(CoefficientName(name).term for name in further))
 
 
 def _solve(estimate: Estimate, at: Sequence[int], theta: Array) -> Array:

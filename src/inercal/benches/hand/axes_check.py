@@ -11,7 +11,6 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_count
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Recording
 from inercal.recordings.data import RestsSection, RunBase
@@ -30,6 +29,7 @@ _UNKNOWN = (
     "one known axis up and compare, or state the marks"
 )
 
+_MANY_TURNS = 5  # more than these agree with some order of the axes, unless it changes
 _FAR = 0.5  # of gravity; larger than the bias of any working accelerometer
 _NEAR = 0.1  # relative difference between the radius and gravity, from scale factors
 
@@ -55,6 +55,10 @@ def check_axes(
     """
     ordered = sorted(rests, key=lambda one: one.start)
     found = judge_turns(read_gravity_turns(recording, run.sensor, ordered))
+    if found.agree is None and found.turns > _MANY_TURNS:
+        text = f"{found.turns} turns between rests agree with no order and signs of the axes: "
+        text += "columns may be exchanged or wrong in a part of the recording"
+        return found, (Finding("note", "axes", text),)
     if found.agree is not False:
         return found, ()
     likely, *others = sorted((_with_columns(one, run) for one in found.changes), key=len)
@@ -67,8 +71,7 @@ def check_axes(
     if not found.clear:
         return found, (Finding("warning", "axes", f"{text}; {advice}"),)
     if not found.unique:
-        more = f", or {format_count(len(others), 'other change')} of axes" if others else ""
-        cause = f"{likely}{more}"
+        cause = f"{likely}, or {len(others)} other changes of axes" if others else likely
         return found, (Finding("refused", "axes", f"{text}; {advice}", cause=cause),)
     raise InputError(
         f"{recording.source or run.data.file}: {text}: {advice}",
@@ -103,13 +106,12 @@ def _advice(changes: Sequence[str]) -> str:
 
 def positions_note(found: TurnVerdict) -> str:
     """Return a note on how far the turns confirm the order and the signs of the axes."""
-    if found.agree and not found.unique:
-        why = f"the {found.turns} turns between rests also agree with another order or other signs"
-        return _UNKNOWN.format(why)
     if found.agree is None:
         return _UNKNOWN.format("too few turns between rests can be compared with gravity")
     if not found.agree:
         return f"{_BY_READINGS}, but the turns between rests do not agree with the axes as recorded"
+    if not found.unique:
+        return _UNKNOWN.format(f"other axes also agree with the {found.turns} turns between rests")
     return (
         f"{_BY_READINGS}, and {found.turns} turns between rests agree with gravity to "
         f"{degrees(found.misfit):.1f}°, and with no other order or signs of the axes; if both "

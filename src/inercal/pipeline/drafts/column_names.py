@@ -173,13 +173,8 @@ def axes_of_names(names: Sequence[str]) -> tuple[str, ...]:
     found = [_stem_and_axis(plain_name(name))[1] for name in names]
     if None not in found and len(set(found)) == len(found):
         return tuple(_AXES[k] for k in found if k is not None)
-    if len({len(name) for name in names}) > 1:
-        return ()
-    differ = [set(letters) for letters in zip(*names, strict=True)]
-    (at, *more) = [k for k, letters in enumerate(differ) if len(letters) > 1] or [0]
-    letters = tuple(name[at : at + 1].lower() for name in names)
-    if more:
-        return ()
+    differ = [one for one in zip(*names, strict=False) if len(set(one)) > 1]
+    letters = tuple("".join(differ[0]).lower()) if len(differ) == 1 else ()
     return letters if set(letters) <= {*_AXES} and len(set(letters)) == len(letters) else ()
 
 

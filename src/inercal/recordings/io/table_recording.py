@@ -227,10 +227,11 @@ def _nearest_readings(time: Array, temperature: Array) -> Array | None:
     The result is None unless the rows without a number lie regularly between those with one.
     """
     known = np.flatnonzero(np.isfinite(temperature))
-    if known.size in (0, time.size) or not np.all(np.diff(time) >= 0):
-        return None
     rows = np.diff(known, prepend=-1, append=temperature.size)
-    if rows.max() > _MOST_ROWS * max(float(np.median(rows)), 1.0) or np.median(rows) < _FEWEST_ROWS:
+    usual = float(np.median(rows))
+    if not known.size or np.any(np.diff(time) < 0):
+        return None
+    if usual < _FEWEST_ROWS or rows.max() > _MOST_ROWS * usual:
         return None
     middle = 0.5 * (time[known[1:]] + time[known[:-1]])
     return np.asarray(temperature[known[np.searchsorted(middle, time)]])
