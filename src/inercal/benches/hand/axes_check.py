@@ -61,8 +61,7 @@ def check_axes(
         return found, (Finding("note", "axes", text),)
     if found.agree is not False:
         return found, ()
-    likely, *others = sorted((_with_columns(one, run) for one in found.changes), key=len)
-    changes = ", or if ".join((likely, *others))
+    changes = ", or if ".join(_with_columns(one, run) for one in sorted(found.changes, key=len))
     text = (
         f"{found.turns} turns between rests do not agree with gravity as recorded; they agree only "
         f"if {changes}"
@@ -71,7 +70,7 @@ def check_axes(
     if not found.clear:
         return found, (Finding("warning", "axes", f"{text}; {advice}"),)
     if not found.unique:
-        cause = f"{likely}, or {len(others)} other changes of axes" if others else likely
+        cause = f"{min(found.changes, key=len)} (or the axes are changed in another way)"
         return found, (Finding("refused", "axes", f"{text}; {advice}", cause=cause),)
     raise InputError(
         f"{recording.source or run.data.file}: {text}: {advice}",
