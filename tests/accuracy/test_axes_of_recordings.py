@@ -23,6 +23,7 @@ from tests.base_seeds import SEEDS, chosen, evidence, sampled
 from tests.refusals import refused
 
 from inercal.basics.errors import InputError
+from inercal.benches.hand import axes_check
 from inercal.physics.sensors import Axis, Sensor
 from inercal.pipeline.drafts import draft_run_file
 from inercal.recordings import Mark, Recording
@@ -197,6 +198,23 @@ def test_found_sections_without_a_mistake_are_consistent(tmp_path: Path):
     outcome = calibrated(tmp_path, with_moves(), marks="found")
     assert outcome.verdict.grade == "consistent"
     assert not [one for one in outcome.findings if one.what in {"axes", "up"}]
+
+
+@pytest.mark.slow
+def test_turns_that_contradict_the_axes_are_not_to_be_relied_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    changes = ("gy and gz are exchanged and gx is reversed", "gy and gz are exchanged")
+    odd = TurnVerdict(5, agree=False, unique=False, misfit=0.03, changes=changes, clear=True)
+    monkeypatch.setattr(axes_check, "judge_turns", lambda _: odd)
+    outcome = calibrated(tmp_path, with_moves(), marks="found")
+    assert outcome.verdict.grade == "unreliable"
+    (cause,) = [one for one in outcome.verdict.lines if one.startswith("Most likely cause")]
+    assert "gy" in cause
+    assert "gx" not in cause
+    notes = {axes_check.positions_note(odd._replace(agree=one)) for one in (True, False, None)}
+    assert len(notes) == 3
+    assert not [one for one in notes if "no turns" in one]
 
 
 def test_turns_with_the_axis_down_are_warned_of(tmp_path: Path):

@@ -190,6 +190,7 @@ def still_log(path: Path, head: str, scale: float, **more: float) -> Path:
         ("timestamp,accX,accY,accZ", "m/s²", 9.79),
         ("t,a_x [mg],a_y [mg],a_z [mg]", "mg", 1000.0),
         ("t,ax,ay,az", "LSB", 16384.0),
+        ("t,ax,ay,az", "LSB", 1.08 * 16384.0),
         ("t,linear_acceleration.x,linear_acceleration.y,linear_acceleration.z", "m/s²", 9.81),
     ],
 )
@@ -202,6 +203,7 @@ def test_units_follow_from_gravity_or_from_names(
     assert found["data.accelerometer"] == head.split(",")[1:]
     if unit == "LSB":
         assert found["sensor.accelerometer.scale"] == "16384 LSB/g"
+        assert any("16384 LSB/g" in one for one in draft.assumptions)
 
 
 @pytest.mark.parametrize(("step", "unit"), [(10.0, "ms"), evidence(10_000.0, "µs"), (1e7, "ns")])

@@ -123,6 +123,15 @@ def test_a_step_in_half_of_a_section_names_the_section_and_the_channel(size: flo
         assert change.name == f"change within {LABELS[k]} ({NAMES[a]})"
 
 
+@pytest.mark.parametrize(("place", "words"), [(-1, "at the end of"), (0, "at the start of")])
+def test_rows_of_another_attitude_at_an_end_of_a_section_are_placed(place: int, words: str) -> None:
+    sections = white(np.random.default_rng(6))
+    sections[2][place, 0] += 300.0
+    within = judged(sections).within
+    assert within is not None
+    assert within.name == f"burst {words} {LABELS[2]} ({NAMES[0]})"
+
+
 def test_a_trend_common_to_all_sections_is_named_and_measured() -> None:
     rng = np.random.default_rng(5)
     time = (np.arange(SAMPLES) / SAMPLES - 0.5) * SECONDS

@@ -211,6 +211,17 @@ def test_gyros_of_other_times_are_joined_by_the_nearest(tmp_path: Path, rate: in
     assert (found.channels, found.source) == (("ax", "ay", "gx", "gy"), "acc.csv and gyr.csv")
 
 
+def test_a_missing_value_is_named_with_its_file_and_line_if_the_times_differ(tmp_path: Path):
+    wrong = lines(1)
+    wrong[60] = "0.59,,1"
+    shifted = np.arange(N) / 100 + 0.0021
+    first, second = saved(tmp_path, wrong, lines(10, shifted))
+    timed = replace(COLUMNS, second_time="t")
+    with refused(file="acc.csv") as refusal:
+        read_recording(first, timed, second=second)
+    assert "line 61" in str(refusal.value)
+
+
 def test_samples_without_a_partner_are_a_gap(tmp_path: Path):
     t = np.delete(np.arange(N) / 100, slice(60, 80))
     first, second = saved(tmp_path, lines(1), gyro_lines(t))

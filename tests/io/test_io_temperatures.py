@@ -51,6 +51,21 @@ def test_an_impossible_temperature_is_refused_with_its_line(
     assert "line 152" in str(refusal.value)
 
 
+def test_a_slow_thermometer_is_held_but_a_hole_is_refused(tmp_path: Path):
+    celsius = 20 + np.repeat(np.arange(10.0), 20)
+    sparse = np.where(np.arange(ROWS) % 10 == 3, celsius, np.nan)
+    read_temperature = read(log(tmp_path / "a.csv", sparse)).temperature
+    assert read_temperature is not None
+    late = np.abs(read_temperature - ZERO_CELSIUS - celsius)
+    assert late.max() <= 1.0
+    assert np.count_nonzero(late) <= ROWS / 4
+    with refused(InputError, file="a.csv"):
+        read(log(tmp_path / "a.csv", np.where(np.arange(ROWS) < 50, np.nan, celsius)))
+    sparse[80:130] = np.nan
+    with refused(InputError, file="a.csv"):
+        read(log(tmp_path / "a.csv", sparse))
+
+
 @pytest.mark.parametrize("value", [350.0, -150.0])
 def test_what_is_outside_the_limits_is_accepted_on_demand_but_nothing_below_zero_kelvin(
     tmp_path: Path, value: float

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 from tests.refusals import refused
+from tests.runfile.key_sweep import example, toml
 
 import inercal
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
 from inercal.calibration.display import temperature_curves
+from inercal.calibration.explanation import UNDETECTABLE
 from inercal.calibration.files import load, save
 from inercal.pipeline import (
     Outcome,
@@ -29,6 +31,7 @@ from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read
 
 HERE = Path(__file__).parent
+EXAMPLES = HERE.parents[1] / "examples"
 TEMPERATURES = '["-40 °C", "-20 °C", "0 °C", "25 °C", "45 °C", "65 °C", "85 °C"]'
 SOAKS, RAMP = ((HERE / f"{name}_run.toml").read_text(encoding="utf-8") for name in ("soak", "ramp"))
 
@@ -414,6 +417,36 @@ def test_the_uncertainty_of_a_lag_is_refused_where_nothing_weighs_it(tmp_path: P
     }
     with refused(InputError, key="[environment] lag"):
         read(written(tmp_path / "ramp", SOAKS, ramp))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("order", "late", "grade", "found"),
+    [
+        ([2, 1, 0], 12.0, "unreliable", {"soak or order"}),
+        ([2, 2, 0], 12.0, "reservations", {"temperature_order"}),
+        ([1, 1, 0], 0.0, "consistent", set[str]()),
+    ],
+)
+def test_three_soaks_do_not_tell_a_wrong_temperature_from_a_higher_order(
+    order: list[int], late: float, grade: str, found: set[str], tmp_path: Path
+):
+    lines = (EXAMPLES / "six_position/soaks.csv").read_text(encoding="utf-8").splitlines()
+    rows = [line.rsplit(",", 1) for line in lines if line[0] in "xyz"]
+    warm = [float(t) + late * (abs(float(t) - 20) < 10) for _, t in rows]
+    table = [f"{start},{t:.2f}" for (start, _), t in zip(rows, warm, strict=True)]
+    text = "\n".join(["position,acc_x,acc_y,acc_z,temp", *table])
+    (tmp_path / "soaks.csv").write_text(text, encoding="utf-8")
+    path = tmp_path / "run.toml"
+    changes = (("method", "also", None), ("method", "temperature_order", order))
+    path.write_text(toml(example("six_position/soaks.toml", *changes)), encoding="utf-8")
+    outcome = calibrate_run(read(path), advise=False)
+    assert outcome.verdict.grade == grade
+    asked = {"soak or order", "temperature_order"}
+    assert {one.what for one in outcome.findings} & asked == found
+    assert not [one for one in outcome.verdict.advice if "k1_dT2" in one.coefficients]
+    (hidden,) = [one for one in outcome.verdict.explanation if one.heading == UNDETECTABLE]
+    assert any("temperature of one soak" in one for one in hidden.lines) == (order[1] == 2)
 
 
 @pytest.mark.slow

@@ -15,8 +15,8 @@ from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.physics.sensors import G0
 from inercal.pipeline import Outcome, apply, apply_data_columns, calibrate, simulate
 from inercal.pipeline.correction import as_written
-from inercal.pipeline.run_calibration import calibrate_run
-from inercal.recordings import Recording
+from inercal.pipeline.run_calibration import calibrate_run, observed
+from inercal.recordings import Finding, Recording
 from inercal.recordings.io.write import write_recording
 from inercal.runfile import Run, read
 
@@ -216,6 +216,19 @@ def test_positions_that_are_missing_leave_coefficients_not_observed_by_name(
     message = str(refusal.value)
     assert all(name in message for name in (*names, *missing)), message
     assert "\n" not in message
+
+
+def test_a_refusal_begins_with_flaws_of_the_readings(tmp_path: Path):
+    labels = ('time = "time"', 'time = "time"\nmarks = "labels"\nlabel = "label"')
+    run = read(run_file(tmp_path, SIX_POSITIONS, labels))
+    write_recording(recording_without_sections(run, "z_a"), run.file(run.data.file))
+    seen = observed(run)
+    flaws = (Finding("warning", "stuck", "ay stays at 1 in samples 8 to 9", "ay", 8, 10),)
+    seen = seen._replace(inputs=replace(seen.inputs, findings=(*seen.inputs.findings, *flaws)))
+    with refused(NotObserved, file=run.path) as refusal:
+        calibrate_run(run, seen=seen)
+    message = str(refusal.value)
+    assert message.index("samples 8 to 9") < message.index("az.k0")
 
 
 def test_a_turn_that_is_missing_is_not_observed_by_name(tmp_path: Path):

@@ -22,8 +22,8 @@ SENSOR = triad("t", "w", "g").with_coefficients("g_i", "g_p", "g_o")
 EARTH, G = 7.292115e-5, 9.80665
 
 
-def warned(values: Array, latitude: float, sd: float = 1e-8) -> bool:
-    made = SimpleNamespace(value=values, covariance=sd**2 * np.eye(len(values)))
+def warned(values: Array, latitude: float, sd: float | Array = 1e-8) -> bool:
+    made = SimpleNamespace(value=values, covariance=np.eye(len(values)) * np.square(sd))
     return any(wrong_latitude_sign(cast("Estimate", made), SENSOR, np.radians(latitude)))
 
 
@@ -39,6 +39,20 @@ def test_a_common_sensitivity_of_twice_the_vertical_earth_rate_is_a_wrong_sign()
     rng = np.random.default_rng(1)
     alarms = [warned(shift * rng.standard_normal(9), -50.0) for _ in range(1000)]
     assert np.mean(alarms) < 3e-3
+
+
+def test_a_shared_part_of_six_standard_uncertainties_is_a_wrong_sign():
+    """All nine sensitivities are 0, as with a phone; those across are known less well."""
+    along = np.array([1.0, 0.0, 0.0] * 3)
+    shift = 2 * EARTH * np.sin(np.radians(48)) / G
+    sd = shift * np.where(along > 0, 0.2, 0.3)
+    noise = sd * np.random.default_rng(2).standard_normal((200, 9))
+    found = [warned(shift * along + one, -48.0, sd) for one in noise]
+    assert np.mean(found) > 0.8
+    own = np.random.default_rng(3).standard_normal((800, 9))
+    own *= shift * np.geomspace(0.01, 3, 800)[:, np.newaxis]
+    noise = sd * np.random.default_rng(4).standard_normal((800, 9))
+    assert sum(warned(one, -48.0, sd) for one in own + noise) <= 1
 
 
 @pytest.mark.slow

@@ -29,8 +29,9 @@ residual shows::
     Δg_i = −2 ω sin φ / g
 
 The n sensitivities to acceleration of a sensor are assumed to be normally distributed with an
-unknown standard deviation. The sign is doubtful if their likelihood without Δg_i is 500 times as
-large: (Σ x² / Σ ((x − Δ)² + u²))^(n/2).
+unknown standard deviation σ, so that their estimates have the covariance C + σ²I. The sign is
+doubtful if the largest likelihood over σ is 500 times as large without Δg_i as with it. Fewer than
+1 in 1000 healthy sensors, whatever their σ and C, are that similar to Δg_i by chance.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -189,6 +190,7 @@ _LARGEST = 0.02  # of the natural size
 _FAR_SCALE = 0.1  # the scale factors of most sensors are within a few percent of nominal
 _SIGMAS = 6.0  # standard deviations by which a coefficient must exceed the limit
 _LIKELY = 500.0
+_TRIALS = 200  # standard deviations σ that are tried
 _FEWEST = 2  # gyros that can have a sensitivity in common
 
 
@@ -229,11 +231,14 @@ def wrong_latitude_sign(
     along = np.array([names[k] == "g_i" for k in at])
     if latitude is None or along.sum() < max(_FEWEST, sensor.rank("w")):
         return
-    x, u = estimate.value[at], np.sqrt(np.diag(estimate.covariance))[at]
     place = latitude.value if isinstance(latitude, Measured) else latitude
     shift = -2 * earth_rate_up_north(place)[0] / G0
-    ratio = np.sum(x**2) / np.sum((x - shift * along) ** 2 + u**2)
-    if len(at) / 2 * np.log(ratio) > np.log(_LIKELY):
+    variance, directions = np.linalg.eigh(estimate.covariance[np.ix_(at, at)])
+    stated, other = ((estimate.value[at] - part) @ directions for part in (0, shift * along))
+    own = max(abs(shift), float(np.max(np.abs(stated)))) * np.geomspace(1e-4, 10, _TRIALS)
+    total = np.maximum(variance, 0) + own[:, np.newaxis] ** 2
+    likely = [np.max(-0.5 * np.sum(x**2 / total + np.log(total), axis=1)) for x in (stated, other)]
+    if likely[1] - likely[0] > np.log(_LIKELY):
         size = f"{shift / sensor.coefficient(sensor.coefficients[at[0]]).si:.3g} °/h/g"
         text = f"the sign of the latitude seems wrong, because all g_i are near {size}"
         yield Finding("warning", "latitude", f"{text}; check the sign of [bench] latitude")

@@ -11,7 +11,13 @@ from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, changes_text
 from inercal.calibration.detectability import UndetectableCause
 from inercal.calibration.explanation import fit, sentence
 from inercal.calibration.grade import Assessment
-from inercal.estimation.scores import COMMON_DRIFT, HYSTERESIS, SIGNIFICANCE_LEVEL, SLOW_NOISE
+from inercal.estimation.scores import (
+    BURST_AT,
+    COMMON_DRIFT,
+    HYSTERESIS,
+    SIGNIFICANCE_LEVEL,
+    SLOW_NOISE,
+)
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding
 
@@ -21,9 +27,12 @@ COARSE_READINGS = "coarse readings"
 """`Finding.what` for rounding errors that a method does not include."""
 WRONG_SOAK = "soak"
 """`Finding.what` for a soak that alone disagrees with the model."""
+SOAK_OR_ORDER = "soak or order"
+"""`Finding.what` for terms that no soak would test, which a wrong temperature would also cause."""
 CAUSES = {
     OPPOSITE_SIGN: "the accelerometers or the gyros have the wrong sign",
     COARSE_READINGS: "rounding, whose errors this method does not include",
+    SOAK_OR_ORDER: "a wrong temperature of one soak, a change of the sensor, or a higher order",
     WRONG_SOAK: "the temperature of this soak is wrong, or the sensor changed in it",
 }  # by `Finding.what`: no other cause can be tested while one of these is present
 # How the last clause of a finding begins if it says what to do.
@@ -86,8 +95,10 @@ def steps_on_cause(
         yield NextStep(f"Look at the readings of “{row.name}”, and repeat this {row_word}.")
     yield from slow if suspect is not None else ()
     for name in rejecting:
-        if name.startswith(CHANGE_PREFIX):
-            where = name.removeprefix(CHANGE_PREFIX)
+        if name.startswith(BURST_AT):
+            yield NextStep("Check whether the labels are some rows early or late.")
+        elif name.startswith((CHANGE_PREFIX, "burst ")):
+            where = name.partition(" ")[2]
             yield NextStep(f"Check whether the sensor was touched {where}, and repeat it.")
 
 
@@ -108,7 +119,7 @@ def steps_on_findings(
 ) -> Iterator[NextStep]:
     """Yield steps that resolve findings: changes that add coefficients, or other remedies."""
     given = {word for one in steps if one.advice for word in one.advice.coefficients}
-    for finding in sorted(findings, key=lambda one: one.what not in CAUSES):
+    for finding in sorted(findings, key=lambda one: not (one.cause or one.what in CAUSES)):
         advice = Advice(finding.what, finding.changes)
         if set(advice.coefficients) - given and (tried := advisor.on_changes(advice)):
             yield NextStep(sentence(_changes_words(tried)), tried)

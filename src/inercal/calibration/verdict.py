@@ -142,7 +142,7 @@ def verdict(
         # Otherwise the error cannot occur in this run.
         and (accepted := advisor.accepts_uncertainty(name)) is not False
     }
-    known = next((CAUSES[one.what] for one in findings if one.what in CAUSES), "")
+    known = next(filter(None, (one.cause or CAUSES.get(one.what) for one in findings)), "")
     steps = [
         *(() if known else steps_on_cause(assessment, advisor, tuple(far), row_word, row)),
         *steps_on_undetectable(unseen, sensor, advisor, possible),

@@ -45,6 +45,7 @@ CandidateKind = Literal["coefficient", "bench", "row", "time"]
 
 HYSTERESIS = "hysteresis of "  # start of the name of a candidate, followed by the axis
 # Tests of the samples within sections, by the start of their names.
+BURST_AT = "burst at the "  # begins the name of a test for a burst at the start or end of a section
 COMMON_DRIFT, SLOW_NOISE = "drift common to all sections", "noise slower than the sections"
 SIGNIFICANCE_LEVEL = 0.01  # level of all tests of one estimate together
 SCORE_TEST_SHARE = 0.8  # for score tests; the rest is for χ² and the method's tests

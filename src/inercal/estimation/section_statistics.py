@@ -58,7 +58,7 @@ from inercal.estimation.correlation import (
     fit_correlations,
     moderated_variances,
 )
-from inercal.estimation.scores import COMMON_DRIFT, SLOW_NOISE, ModelTest
+from inercal.estimation.scores import BURST_AT, COMMON_DRIFT, SLOW_NOISE, ModelTest
 
 _BATCHES, _FEW_BATCHES, _FEW_SAMPLES = 16, 8, 64
 _OF_SLOPES = 3  # levels whose scatter is close to that of slopes
@@ -211,7 +211,12 @@ def analyse_sections(
     p = np.stack([one.p for one in tests], axis=-1)
     section, channel, kind = (int(k) for k in np.unravel_index(np.argmin(p), p.shape))
     shape = tests[kind].shape
-    name = f"{shape} within {labels[section]} ({names[used[channel]]})"
+    where = "change within"
+    if shape == "burst":
+        where = _burst_name(
+            [one[section, :, channel] for one in relative], sections.batches[section]
+        )
+    name = f"{where} {labels[section]} ({names[used[channel]]})"
     disturbance_variance = np.zeros((r, len(names)))
     for one in tests:
         shift = one.power / sections.samples[:, None] * size[used] ** 2
@@ -289,6 +294,14 @@ def _bursts(
             # Neighbours may have moved in the same direction: their shifts add up.
             power[few - 1, own] = few * largest / c
     return [_DisturbanceTests("burst", *one) for one in zip(p, power, strict=True)]
+
+
+def _burst_name(levels: Sequence[Array], batches: int) -> str:
+    """Return where the largest of a section's finest contrasts is, in the name of its test."""
+    finest = next(one for one in levels if 2 * len(one) == batches)
+    at = int(np.argmax(np.square(finest)))
+    ends = {0: f"{BURST_AT}start of", len(finest) - 1: f"{BURST_AT}end of"}
+    return ends.get(at, "burst within")
 
 
 def _trend(

@@ -21,7 +21,6 @@ from inercal.basics.arrays import Array
 from inercal.basics.documents import installed_version
 from inercal.basics.parameters import Parameter
 from inercal.basics.units import ZERO_CELSIUS, format_count
-from inercal.benches.stated_axes import axis_ends
 from inercal.calibration import SharedError, Validity
 from inercal.calibration.calibration import SIMULATED
 from inercal.calibration.shared_errors import BenchEstimate
@@ -32,6 +31,7 @@ from inercal.physics.plan import Turn
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
+from inercal.pipeline.drafts.column_names import axes_of_names
 from inercal.pipeline.stated_values import qualified_errors
 from inercal.recordings.data import EstimatorInput
 from inercal.recordings.data.recording_loader import gyro_file, unsigned_column
@@ -82,7 +82,7 @@ def crossed_columns(run: Run) -> str:
         given = [str(column) for column in getattr(run.data, kind.sensor)]
         plain = [unsigned_column(name) for name in given]
         axes = [axis.name for axis in run.whole_sensor.axes if axis.measures == kind.symbol]
-        ends = axis_ends(plain) or tuple(name[-1] for name in axes)
+        ends = axes_of_names(plain) or tuple(name[-1] for name in axes)
         for axis, end, name, own in zip(axes, ends, given, plain, strict=False):
             sign = "-" * (name != own and not own.startswith("-("))  # "-(X)" is the name of −x
             if sign or (axis[-1] in "xyz" and axis[-1] != end):

@@ -148,6 +148,13 @@ def require_same_readout(calibration: Calibration, run: Run) -> None:
             file=run.path,
             key="[data] kind",
         )
+    if run.data.temperature is None and calibration.sensor.uses("dT", "dTdt"):
+        raise InputError(
+            f"{run.path}: [data] temperature is missing, but the calibration depends on it: name "
+            f"the column of {run.data.file} with the temperature of the sensor",
+            file=run.path,
+            key="[data] temperature",
+        )
     stated = {axis.name: axis for axis in run.whole_sensor.axes}
     for axis in calibration.sensor.axes:
         here = stated.get(axis.name, axis)

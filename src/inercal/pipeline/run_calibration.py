@@ -27,6 +27,7 @@ from inercal.pipeline.added_coefficients import with_added_coefficients
 from inercal.pipeline.advisor import RunAdvisor, changed_run, large_uncertainties
 from inercal.pipeline.calibration_record import (
     bench_estimates,
+    crossed_columns,
     prior_of_type,
     provenance,
     run_conditions,
@@ -122,7 +123,7 @@ def _fitted(
                 observations, solver_sensor, bench, inputs.plan, run.priors
             )
     except (InputError, NotObserved) as error:
-        located = error.located(run.path)
+        located = error.located(f"{run.path}{_flaws_in_words(inputs.findings)}", file=run.path)
         causes = _possible_causes(inputs, sensor, zero_rates, error)
         if isinstance(error, NotObserved):
             causes = f"{large_uncertainties(run, expected)}{causes}"
@@ -190,6 +191,7 @@ def _fitted(
             *inputs.notes,
             *section_notes(inputs),
             *observations.notes,
+            *(f"[data] takes {c}, judged by their names." for c in [crossed_columns(run)] if c),
             *estimate.notes,
             *(() if thermal is None else thermal.notes),
             *gravity_notes(bench, sensor, estimate),
@@ -368,6 +370,13 @@ def _usable_also(run: Run, error: InercalError) -> str:
     if free:
         return ""
     return f"; use {changes_text((also_change(kept),))}" if kept else "; remove [method] also"
+
+
+def _flaws_in_words(findings: Sequence[Finding]) -> str:
+    """Return the readings that cannot be used, as the start of a refusal; "" if there are none."""
+    flaws = ("saturation", "stuck", "axes")
+    found = {one.channel: one.message for one in reversed(findings) if one.what in flaws}
+    return f": {'; '.join(found.values())}; check these readings first" if found else ""
 
 
 def _possible_causes(

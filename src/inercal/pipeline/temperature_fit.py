@@ -10,6 +10,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,9 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import ZERO_CELSIUS, format_quantity
-from inercal.calibration.next_steps import WRONG_SOAK
+from inercal.calibration.next_steps import SOAK_OR_ORDER, WRONG_SOAK
 from inercal.calibration.suspect_text import chi2_text
+from inercal.calibration.verdict import UNSEEN
 from inercal.estimation import Estimate
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL, chi2_tail_probability
 from inercal.methods import Fit, Remarks
@@ -31,6 +33,8 @@ from inercal.pipeline.temperature_orders import (
     Orders,
     OrderTest,
     choose_orders,
+    is_untested,
+    last_terms,
     used_orders,
     with_orders,
 )
@@ -111,6 +115,10 @@ class TemperatureFit:
         Axes to which the loops refer.
     drift : float
         Largest change of the recorded temperature within a section, K; NaN for tables of means.
+    untested : bool
+        Whether every polynomial passes through all soaks.
+    higher : tuple of str
+        Terms that the data ask for, with which every polynomial would pass through all soaks.
     """
 
     soaks: NDArray[np.float64]
@@ -121,10 +129,26 @@ class TemperatureFit:
     loops: tuple[SoakLoop, ...] = ()
     axes: tuple[Axis, ...] = ()
     drift: float = np.nan
+    untested: bool = False
+    higher: tuple[str, ...] = ()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Warnings about orders that are too low, and soaks that the other soaks do not predict."""
+        if self.untested:
+            text = (
+                "no soak is left to test the others, because the polynomials in temperature pass "
+                "through all of them; check the temperature of each soak, and add a soak"
+            )
+            unseen = Finding("note", UNSEEN, "an error of the temperature of one soak")
+            return (Finding("warning", "temperature_order", text), unseen)
+        if self.higher:
+            text = (
+                f"a wrong temperature of one soak and {' or '.join(self.higher)} explain the data "
+                "equally well, and no soak would be left to test these terms; check the "
+                "temperature of each soak, or add a soak"
+            )
+            return (Finding("warning", SOAK_OR_ORDER, text),)
         if self.orders and self.ratio > _TOO_LOW:
             text = (
                 f"the orders in temperature are too low: χ²/ν is {chi2_text(self.ratio)}; state "
@@ -246,9 +270,11 @@ def fit_over_temperatures(
     if environment.kind == "ramp" or (observations.track is not None and run.environment is None):
         return run, inputs, TemperatureFit(_NO_SOAKS, _orders_of(run))
     soaks = soak_temperatures(observations)
-    run = _within_levels(run, distinct_levels(soaks))
+    levels = distinct_levels(soaks)
+    run = _within_levels(run, levels)
     if not weighs:
-        return run, inputs, TemperatureFit(soaks, _orders_of(run))
+        untested = is_untested(run.sensor, levels)
+        return run, inputs, TemperatureFit(soaks, _orders_of(run), untested=untested)
     solver = _Solver(run, inputs)
     first = solver.solve(observations, run.sensor)
     c = first.value[..., : len(run.sensor.coefficients)]
@@ -268,6 +294,8 @@ def fit_over_temperatures(
         soak_loops(observations, final.residual),
         run.sensor.axes,
         np.nan if rates is None else float(np.abs(rates * observations.duration).max()),
+        is_untested(run.sensor, levels),
+        last_terms(run.sensor, levels, final, partial(solver.solve, observations)),
     )
     return run, replace(inputs, observations=observations), found
 

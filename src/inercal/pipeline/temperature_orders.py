@@ -5,20 +5,23 @@ by θ_d' C_dd⁻¹ θ_d. This is exact for a model that is linear in its coeffic
 enough to compare all orders.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.keys import CoefficientName
 from inercal.estimation import Estimate
+from inercal.estimation.scores import SIGNIFICANCE_LEVEL, chi2_tail_probability
 from inercal.physics.quantities import KINDS, Measures
 from inercal.physics.sensors import Sensor
 from inercal.runfile.environment_section import MAX_ORDERS, order_terms, orders_of_terms
 
 Orders = tuple[int, int, int]
+_SURE = 1e-3  # probability that noise asks for a higher order
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,42 @@ def choose_orders(estimate: Estimate, sensor: Sensor) -> tuple[Sensor, tuple[Ord
         tests += [OrderTest(kind, orders, aic - least[0], ratio) for aic, orders, ratio in compared]
         chosen = with_orders(chosen, {kind: least[1]})
     return chosen, tuple(tests)
+
+
+def is_untested(sensor: Sensor, levels: int) -> bool:
+    """Return whether every polynomial in temperature passes through all soaks.
+
+    Misalignments do not count, because most of them hardly change with temperature.
+    """
+    orders = [n for most in used_orders(sensor).values() for n in most[:2] if n]
+    return bool(orders) and min(orders) >= levels - 1
+
+
+def last_terms(
+    sensor: Sensor, levels: int, final: Estimate, solve: Callable[[Sensor], Estimate]
+) -> tuple[str, ...]:
+    """Return the terms that explain the residuals, but leave no soak to test them."""
+    orders = used_orders(sensor)
+    full = {kind: [(levels - 1) * (n > 0) for n in most[:2]] for kind, most in orders.items()}
+    further = [
+        f"{axis.name}.{term}"
+        for axis in sensor.axes
+        for term in order_terms(axis.measures, (*full[axis.measures], 0))
+        if f"{axis.name}.{term}" not in sensor.coefficients
+    ]
+    raised = sensor.with_coefficients(*sensor.coefficients, *further)
+    one_below = not is_untested(sensor, levels) and is_untested(sensor, levels - 1)
+    if not (one_below and final.dof and is_untested(raised, levels)):
+        return ()
+    try:
+        other = solve(raised)
+    except (InputError, NotObserved):
+        return ()
+    drop, lost = max(float(final.chi2 - other.chi2), 0.0), final.dof - other.dof
+    left = chi2_tail_probability(float(other.chi2), other.dof, other.noise_dof)
+    if chi2_tail_probability(drop, lost, final.noise_dof) > _SURE or left < SIGNIFICANCE_LEVEL:
+        return ()
+    return tuple(dict.fromkeys(CoefficientName(name).term for name in further))
 
 
 def _solve(estimate: Estimate, at: Sequence[int], theta: Array) -> Array:

@@ -45,6 +45,8 @@ class Finding:
         data.
     merged : tuple of Finding
         The individual findings, if this finding summarizes several.
+    cause : str
+        The most likely cause; no other cause can be tested while this one is present.
     """
 
     severity: Severity
@@ -56,6 +58,7 @@ class Finding:
     changes: tuple[Change, ...] = ()
     factor: float | None = None
     merged: tuple["Finding", ...] = ()
+    cause: str = ""
 
 
 def merge_findings(findings: Sequence[Finding]) -> tuple[Finding, ...]:

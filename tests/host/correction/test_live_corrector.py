@@ -166,6 +166,39 @@ def test_columns_in_another_order_than_for_the_calibration_are_reported(
 
 
 @pytest.mark.parametrize(
+    "form",
+    [
+        "a{}_mg",
+        "a{}_ms2",
+        "a{}_raw",
+        "a{}_ug",
+        "acc_{}_g",
+        "Acc{}(g)",
+        "imu.accel.{}",
+        "{}-axis [mg]",
+        "a{} [mg]",
+        "a{}_m/s^2",
+        "acc{}.run7",
+        "{}_accel",
+        "(a{})",
+        "A_{}_unit2",
+        "gyro_{}_dps",
+    ],
+)
+def test_an_exchanged_column_is_recognised_by_any_form_of_its_name(form: str, tmp_path: Path):
+    names = [form.format(axis) for axis in "yxz"]
+    data = NAMED.replace('["gx", "gy", "gz"]', str(names).replace("'", '"')).replace("-ay", "ay")
+    assert crossed_columns(run_of(tmp_path, data)) == "gx = gy, gy = gx"
+
+
+def test_a_missing_temperature_is_refused_with_the_key_of_the_run_file(tmp_path: Path):
+    run = run_of(tmp_path, "\n".join(one for one in NAMED.split("\n") if "temperature" not in one))
+    (tmp_path / "samples.csv").write_text(HEADER + "\n" + "".join(lines(20, 8)), encoding="utf-8")
+    with refused(file=run.path, key="[data] temperature"):
+        apply(calibration_of(run, *LINEAR, "k0_dT"), run)
+
+
+@pytest.mark.parametrize(
     ("readout", "differs"),
     [({"offset": 3.0}, "1 g/g and 3"), ({"scale": 0.2}, "1 g/g and 0")],
 )

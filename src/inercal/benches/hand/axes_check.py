@@ -25,10 +25,11 @@ from inercal.recordings.segments.gravity_turns import (
 
 _BY_READINGS = "the positions were identified by the axis that reads gravity"
 _UNKNOWN = (
-    f"{_BY_READINGS}: exchanged columns and reversed axes cannot be detected, because no turns "
-    "between rests were recorded; hold one known axis up and compare, or state the marks"
+    f"{_BY_READINGS}: exchanged columns and reversed axes cannot be detected, because {{}}; hold "
+    "one known axis up and compare, or state the marks"
 )
 
+_MANY_TURNS = 5  # more than these agree with some order of the axes, unless it changes
 _FAR = 0.5  # of gravity; larger than the bias of any working accelerometer
 _NEAR = 0.1  # relative difference between the radius and gravity, from scale factors
 
@@ -54,17 +55,25 @@ def check_axes(
     """
     ordered = sorted(rests, key=lambda one: one.start)
     found = judge_turns(read_gravity_turns(recording, run.sensor, ordered))
+    if found.agree is None and found.turns > _MANY_TURNS:
+        text = f"{found.turns} turns between rests agree with no order and signs of the axes: "
+        text += "columns may be exchanged or wrong in a part of the recording"
+        return found, (Finding("note", "axes", text),)
     if found.agree is not False:
         return found, ()
-    changes = ", or if ".join(_with_columns(one, run) for one in found.changes)
+    changes = ", or if ".join(_with_columns(one, run) for one in sorted(found.changes, key=len))
     text = (
         f"{found.turns} turns between rests do not agree with gravity as recorded; they agree only "
-        f"if {changes}: {_advice(found.changes)}{run.sensor.negative_scales}"
+        f"if {changes}"
     )
-    if not (found.unique and found.clear):
-        return found, (Finding("warning", "axes", text),)
+    advice = f"{_advice(found.changes)}{run.sensor.negative_scales}"
+    if not found.clear:
+        return found, (Finding("warning", "axes", f"{text}; {advice}"),)
+    if not found.unique:
+        cause = f"{min(found.changes, key=len)} (or the axes are changed in another way)"
+        return found, (Finding("refused", "axes", f"{text}; {advice}", cause=cause),)
     raise InputError(
-        f"{recording.source or run.data.file}: {text}",
+        f"{recording.source or run.data.file}: {text}: {advice}",
         file=run.file(run.data.file),
         key="[data] accelerometer",
         names=found.changes,
@@ -96,8 +105,12 @@ def _advice(changes: Sequence[str]) -> str:
 
 def positions_note(found: TurnVerdict) -> str:
     """Return a note on how far the turns confirm the order and the signs of the axes."""
-    if not (found.agree and found.unique):
-        return _UNKNOWN
+    if found.agree is None:
+        return _UNKNOWN.format("too few turns between rests can be compared with gravity")
+    if not found.agree:
+        return f"{_BY_READINGS}, but the turns between rests do not agree with the axes as recorded"
+    if not found.unique:
+        return _UNKNOWN.format(f"other axes also agree with the {found.turns} turns between rests")
     return (
         f"{_BY_READINGS}, and {found.turns} turns between rests agree with gravity to "
         f"{degrees(found.misfit):.1f}°, and with no other order or signs of the axes; if both "

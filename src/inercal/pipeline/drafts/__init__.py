@@ -412,7 +412,7 @@ def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tu
     for key, value in stated.items():
         section, _, name = key.rpartition(".")
         entry = known.get(key, DraftKey(section, name, value))
-        known[key] = replace(entry, value=value, reason="as stated")
+        known[key] = replace(entry, value=value, reason="as stated", assumed=False)
     if "bench.latitude" in stated and "bench.gravity" not in stated:
         known.pop("bench.gravity", None)
         weighs_gravity = any(one.section == "sensor.accelerometer" for one in entries)

@@ -83,7 +83,7 @@ _KINDS: Mapping[str, str] = {
 }
 _BRACKETS = re.compile(r"[\[(](.+?)[\])](?![\])])")
 _READING_UNITS = ("m/s²", "rad/s", "V", "A", "LSB")
-_UNIT_WORDS = r"m_s_?2|mps2|ms2|mg|g|rad(_?s)?|deg(_?s)?|m?dps|raw|lsb|counts?"
+_UNIT_WORDS = r"m_?s_?2|mps_?2|[mu]?g|m?rad(_?s)?|m?deg(_?s)?|m?dps|raw|lsb|counts?|volts?"
 _UNIT_END = re.compile(rf"_({_UNIT_WORDS})$")
 _STATE = re.compile(r"_(cal|calibrated|corrected|filt|filtered)$")  # how readings were processed
 _TIME_UNITS = (
@@ -162,6 +162,20 @@ def in_axis_order(names: Sequence[str]) -> tuple[str, ...]:
     if sorted(axis for axis in axes if axis is not None) != [0, 1, 2]:
         return tuple(names)
     return tuple(names[axes.index(k)] for k in range(len(_AXES)))
+
+
+def axes_of_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the axes that the names of different axes state; empty if they state none.
+
+    >>> axes_of_names(["ay_mg", "ax_mg", "az_mg"]), axes_of_names(["imu.x.run7", "imu.z.run7"])
+    (('y', 'x', 'z'), ('x', 'z'))
+    """
+    found = [_stem_and_axis(plain_name(name))[1] for name in names]
+    if None not in found and len(set(found)) == len(found):
+        return tuple(_AXES[k] for k in found if k is not None)
+    differ = [one for one in zip(*names, strict=False) if len(set(one)) > 1]
+    letters = tuple("".join(differ[0]).lower()) if len(differ) == 1 else ()
+    return letters if set(letters) <= {*_AXES} and len(set(letters)) == len(letters) else ()
 
 
 def named_triads(

@@ -186,8 +186,9 @@ def readout_keys(kind: str, readout: GuessedReadout) -> tuple[DraftKey, ...]:
     if readout.scale:
         example = "131 LSB/(°/s)" if kind == "gyro" else "2048 LSB/g"
         ask = f"the nominal scale of the {kind}s, such as {example}"
-        reason = "nominal; see the data sheet"
-        entries.append(DraftKey(section, "scale", readout.scale, reason, ask))
+        reason = f"nominal; see the data sheet; {readout.reason}"
+        assumed = kind == "accelerometer"
+        entries.append(DraftKey(section, "scale", readout.scale, reason, ask, assumed=assumed))
     if readout.offset:
         entries.append(DraftKey(section, "offset", readout.offset, "reading at zero"))
     return tuple(entries)

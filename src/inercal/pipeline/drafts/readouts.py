@@ -25,7 +25,7 @@ from inercal.recordings.segments.gravity_turns import (
 _ACCELEROMETER_UNITS = {"m/s²": 1.0, "g": G0, "mg": 1e-3 * G0}
 _GYRO_UNITS = {"rad/s": 1.0, "°/s": np.pi / 180, "m°/s": np.pi / 180e3}
 # If two differ by less than the error of any sensor, the power of two comes first.
-_COUNTS_PER_G = (*(2.0**k for k in range(5, 16)), 1000 / 0.061, 1000 / 0.122, 1000 / 0.244)
+_COUNTS_PER_G = (*(2.0**k for k in range(5, 16)), 1000.0, 1000 / 0.061, 1000 / 0.122, 1000 / 0.244)
 _COUNTS_PER_DEGREE = (131.0, 65.5, 32.8, 16.4, 1 / 0.00875, 1 / 0.0175, 1 / 0.035, 1 / 0.07)
 _STATED = "stated, or taken from the column names or the format"
 _NO_GRAVITY = 0.08  # g; more than any usual bias, and less than g read as m/s²
@@ -108,6 +108,9 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
         reason = f"gravity reads {counts:.4g}, which fits none of the usual units"
         return GuessedReadout(UNKNOWN, "", 0.0, G0 / counts, reason, certain=False)
     per_g, why = _nominal(counts, _COUNTS_PER_G)
+    usual = next((one for one in _COUNTS_PER_G if abs(counts / one - 1) < _NEAR), None)
+    if not why and usual is not None:  # the mean of a single rest contains the bias
+        per_g, why = usual, f", within {100 * _NEAR:.0f} % of the usual {usual:.6g}"
     unit = stated or "LSB"
     reason = f"gravity reads {counts:.4g} {'counts' if unit == 'LSB' else unit}{why}"
     return GuessedReadout(unit, f"{per_g:.6g} {unit}/g", offset, G0 / per_g, reason)

@@ -26,6 +26,7 @@ from inercal.recordings.io.readers import (
     refuse_wrong_content,
     select_reader,
 )
+from inercal.recordings.io.row_checks import check_finite
 from inercal.recordings.io.simulation_mark import stored_mark
 from inercal.recordings.io.table_recording import (
     Columns,
@@ -306,6 +307,9 @@ def _join_by_time(path: Path, second: Path, columns: Columns) -> Recording:
         further = recording_from_table(next(tables), replace(other, origin=first.origin))
     for recording in (first, further):
         _require_increasing_time(recording)
+        if columns.nonfinite == "refuse":  # only here are the lines of each file known
+            found = check_finite(recording, recording.where, drop=False).findings
+            require_accepted(recording.with_findings((*recording.findings, *found)))
     fewer = first if first.time.size <= further.time.size else further
     more = further if fewer is first else first
     near, found = nearest_samples(more.time, fewer.time)

@@ -10,7 +10,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import si_factor, to_si
-from inercal.recordings import Recording
+from inercal.recordings import Finding, Recording
 from inercal.recordings.io.audit import NonfinitePolicy
 from inercal.recordings.io.column_table import ReadRequest, Table
 from inercal.recordings.io.time_stamps import (
@@ -29,6 +29,8 @@ from inercal.recordings.io.wrapped_numbers import (
 from inercal.recordings.temperature import CELSIUS, TemperatureReadout
 
 _NS = 10**9
+# A thermometer is slow if it is read in every second row or less, and regularly.
+_FEWEST_ROWS, _MOST_ROWS = 2, 3.0
 
 
 @dataclass(frozen=True)
@@ -189,6 +191,11 @@ def recording_from_table(table: Table, columns: Columns) -> Recording:
             table.numbers(columns.temperature), columns.temperature, table.place, table.source
         )
     time, origin, first_stamp = sample_times(table, columns, len(data))
+    findings: tuple[Finding, ...] = ()
+    if temperature is not None and (slow := _nearest_readings(time, temperature)) is not None:
+        count = int(np.isfinite(temperature).sum())
+        text = f"the temperature was read in {count} of {time.size} rows; others use the nearest"
+        temperature, findings = slow, (Finding("note", "temperature", text),)
     channels = columns.channels + columns.second
     return Recording(
         time=time,
@@ -210,7 +217,24 @@ def recording_from_table(table: Table, columns: Columns) -> Recording:
         kept_corrections=table.kept_corrections,
         devices=table.devices,
         simulation=table.simulation,
+        findings=findings,
     )
+
+
+def _nearest_readings(time: Array, temperature: Array) -> Array | None:
+    """Return the reading nearest in time for each row of a slow thermometer, (n,) K.
+
+    The result is None unless the rows without a number lie regularly between those with one.
+    """
+    known = np.flatnonzero(np.isfinite(temperature))
+    rows = np.diff(known, prepend=-1, append=temperature.size)
+    usual = float(np.median(rows))
+    if not known.size or np.any(np.diff(time) < 0):
+        return None
+    if usual < _FEWEST_ROWS or rows.max() > _MOST_ROWS * usual:
+        return None
+    middle = 0.5 * (time[known[1:]] + time[known[:-1]])
+    return np.asarray(temperature[known[np.searchsorted(middle, time)]])
 
 
 def number_block(table: Table, together: tuple[str, ...]) -> Array:
