@@ -9,6 +9,7 @@ import numpy as np
 from inercal.basics.errors import InercalError, InputError, NotObserved, error_location
 from inercal.basics.units import ZERO_CELSIUS, Measured, format_duration
 from inercal.benches import Bench
+from inercal.benches.contradicting_rows import contradicting_rows
 from inercal.calibration import Calibration
 from inercal.calibration.best_cause import also as also_change
 from inercal.calibration.best_cause import changes_text
@@ -117,11 +118,13 @@ def _fitted(
             progress(generation)
 
     try:
-        with prepared(solution):
+        # A fit to wrong rows may overflow before it is refused.
+        with prepared(solution), np.errstate(all="ignore"):
             estimate = run.solver(after)(
                 observations, solver_sensor, bench, inputs.plan, run.priors
             )
     except (InputError, NotObserved) as error:
+        _require_possible_rows(run, inputs, sensor, bench)
         located = error.located(run.path)
         causes = _possible_causes(inputs, sensor, zero_rates, error)
         located.args = (f"{located}{_usable_also(run, error)}{causes}",)
@@ -138,6 +141,8 @@ def _fitted(
         run.time_offset,
         run.environment,
     )
+    if not np.all(estimate.converged):
+        _require_possible_rows(run, inputs, sensor, bench)
     remarks = run.method.remarks(fit)
     findings += remarks.findings
     findings += stated_noise_findings(
@@ -220,6 +225,15 @@ def _fitted(
         remarks,
         tuple(generations),
     )
+
+
+def _require_possible_rows(run: Run, inputs: EstimatorInput, sensor: Sensor, bench: Bench) -> None:
+    """Refuse rows that contradict the bench, because the fit has failed."""
+    text, labels = contradicting_rows(inputs.observations, sensor, bench, inputs.steps)
+    if text:
+        raise InputError(
+            f"{run.path}: the fit failed: {text}", file=run.path, names=labels
+        ) from None
 
 
 def section_notes(inputs: EstimatorInput) -> Iterator[str]:
@@ -363,7 +377,7 @@ def _usable_also(run: Run, error: InercalError) -> str:
         free -= set(added)
     if free:
         return ""
-    return f"; use {changes_text((also_change(kept),))}" if kept else "; remove [method] also"
+    return f"; or {f'use {changes_text((also_change(kept),))}' if kept else 'remove [method] also'}"
 
 
 def _possible_causes(

@@ -17,6 +17,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.arm import fitting_arm_unit
+from inercal.benches.contradicting_rows import contradicting_rows
 from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion, speed_names
 from inercal.benches.rate_table.fixture import PLANES, Plane, mounting_attitude
 from inercal.benches.rate_table.settings import RateTableData
@@ -155,6 +156,9 @@ def require_rates(
     if off(1.0) <= _OFF:
         return
     _refuse_unit(run, bench, off)
+    text, labels = contradicting_rows(observations, run.sensor, bench, steps)
+    if text:
+        raise InputError(f"{run.path}: {text}", file=run.path, names=labels)
     read, result = norms(1.0)
     worst = int(np.argmax(np.abs(read / result - 1) * turning))
     raise InputError(
