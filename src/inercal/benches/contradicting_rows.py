@@ -33,35 +33,6 @@ _REPAIR_WORDS = {
 _Steps = Sequence[Spin | Index]
 
 
-@dataclass(frozen=True)
-class _Nominal:
-    """The nominal motion of a bench, compared with readings as vectors or as norms."""
-
-    bench: MeanBench
-    norms: bool
-
-    def off(self, read: Array, steps: _Steps, fit: Array) -> Array:
-        """Return the residuals of the rows relative to |f|, (r,)."""
-        f = self.bench.mean_motion(steps, {}).f
-        size = np.linalg.norm(f, axis=-1)
-        if self.norms:
-            return np.abs(np.linalg.norm(read, axis=-1) / size - 1)
-        columns = np.concatenate([f, np.full((len(f), 1), G0)], axis=-1)
-        return np.linalg.norm(read - columns @ fit, axis=-1) / size
-
-    def fit(self, read: Array, steps: _Steps, axes: Array) -> Array:
-        """Return S and b, (4, m), which rows with large residuals hardly affect."""
-        f = self.bench.mean_motion(steps, {}).f
-        columns = np.concatenate([f, np.full((len(f), 1), G0)], axis=-1)
-        fit = np.concatenate([axes.T, np.zeros((1, len(axes)))])
-        for threshold in _THRESHOLDS if not self.norms else ():
-            weight = 1 / np.hypot(1.0, self.off(read, steps, fit) / threshold)
-            weight = (weight / np.linalg.norm(f, axis=-1))[:, None]
-            found = np.linalg.lstsq(weight * columns, weight * read, rcond=1e-6)
-            fit = np.asarray(found[0], dtype=float)
-        return fit
-
-
 def contradicting_rows(
     observations: Observations, sensor: Sensor, bench: object, steps: Sequence[object]
 ) -> tuple[str, tuple[str, ...]]:
@@ -73,19 +44,27 @@ def contradicting_rows(
     read, axes = observations.mean[..., : len(triad.axes)], triad.input_axes("f")
     if read.ndim != axes.ndim or not _FEWEST <= len(moves) == len(read) or not len(axes):
         return "", ()
-    norms = any(isinstance(step, Spin) and step.attitude is None for step in moves)
-    if norms:
-        moves = [replace(step, attitude=arm_attitude(0.0, 0.0)) for step in moves]
     if not isinstance(bench, MeanBench) or any(getattr(s, "azimuth", None) for s in moves):
         return "", ()
-    nominal, least = _Nominal(bench, norms), _NORMS if norms else _VECTORS
-    fit = nominal.fit(read, moves, axes)
-    off = nominal.off(read, moves, fit)
+    norms = any(isinstance(step, Spin) and step.attitude is None for step in moves)
+
+    def compared(y: Array, some: _Steps) -> tuple[Array, Array]:
+        """Return the columns of the fit and the readings, divided by |f|."""
+        if norms:
+            some = [replace(step, attitude=arm_attitude(0.0, 0.0)) for step in some]
+        f = bench.mean_motion(some, {}).f
+        size = np.linalg.norm(f, axis=-1, keepdims=True)
+        if norms:
+            return np.ones_like(size), np.linalg.norm(y, axis=-1, keepdims=True) / size
+        return np.concatenate([f, np.full_like(size, G0)], axis=-1) / size, y / size
+
+    start = np.ones((1, 1)) if norms else np.concatenate([axes.T, np.zeros((1, len(axes)))])
+    least = _NORMS if norms else _VECTORS
+    fit, off = _robust_fit(*compared(read, moves), start)
     several = not norms and np.sum(off > least) >= _COLUMN
     for text, others in _other_columns(moves) if several else ():
-        other = nominal.fit(read, others, axes)
-        near = np.abs(other[:-1].T - axes).max() < _LARGEST_ERROR
-        if near and np.sum(nominal.off(read, others, other) > least) <= 1:
+        other, left = _robust_fit(*compared(read, others), start)
+        if np.sum(left > least) <= 1 and np.abs(other - start).max() < _LARGEST_ERROR:
             return f"the readings only agree with the bench if {text}", ()
     limit = max(least, _SCATTER * float(np.median(off)))
     wild = np.flatnonzero(off > limit).tolist()
@@ -95,45 +74,59 @@ def contradicting_rows(
         text = f"the largest reading of {', '.join(labels[:_MOST_LISTED])} and other rows is always"
         return f"{text} {peaks.pop()}, where the output is clipped; remove these rows", labels
     lines: list[str] = []
-    for k in wild[:_MOST_LISTED]:
-        fitting = (
-            [text for text, y, step in some if nominal.off(y[None], [step], fit)[0] < limit]
-            for some in _changes(read[k], triad, moves, k, norms=norms)
+    for k, label in zip(wild[:_MOST_LISTED], labels, strict=False):
+        repairs = next(
+            filter(
+                None,
+                (
+                    [text for text, y, step in some if _off(*compared(y, [step]), fit) < limit]
+                    for some in _changes(read[[k]], triad, moves, moves[k])
+                ),
+            ),
+            list[str](),
         )
-        repairs = next(filter(None, fitting), list[str]())
-        line = f"{observations.labels[k]} is off by {100 * off[k]:.0f} % of the force"
-        if 0 < len(repairs) <= _MOST_REPAIRS:
-            line += f", which {' or '.join(repairs)} would correct"
-        lines.append(line)
+        fix = f", which {' or '.join(repairs)} would correct" if repairs else ""
+        fix *= len(repairs) <= _MOST_REPAIRS
+        lines.append(f"{label} is off by {100 * off[k]:.0f} % of the force{fix}")
     more = f"; and {len(wild) - len(lines)} more" if len(wild) > len(lines) else ""
     text = f"rows contradict the bench: {'; '.join(lines)}{more}; check them, or remove them"
     return (text, labels) if lines else ("", ())
 
 
+def _off(columns: Array, read: Array, fit: Array) -> Array:
+    return np.linalg.norm(read - columns @ fit, axis=-1)
+
+
+def _robust_fit(columns: Array, read: Array, fit: Array) -> tuple[Array, Array]:
+    """Return S and b, which rows with large residuals hardly affect, and the residuals."""
+    for threshold in _THRESHOLDS:
+        weight = 1 / np.hypot(1.0, _off(columns, read, fit) / threshold)[:, None]
+        solved = np.linalg.lstsq(weight * columns, weight * read, rcond=1e-6)
+        fit = np.asarray(solved[0], dtype=float)
+    return fit, _off(columns, read, fit)
+
+
 def _changes(
-    read: Array, triad: Sensor, moves: _Steps, k: int, *, norms: bool
+    read: Array, triad: Sensor, moves: _Steps, own: Spin | Index
 ) -> Iterator[list[tuple[str, Array, Spin | Index]]]:
-    """Yield lists of single changes to row k, as text, reading and step; one digit comes last."""
-    own, written = moves[k], triad.to_output(read)
+    """Yield lists of single changes to a row, as text, reading and step; one digit comes last."""
+    written = triad.to_output(read[0])
+    values = dict(zip(triad.channels, written.tolist(), strict=True))
 
     def entries(some: Iterable[Repair]) -> list[tuple[str, Array, Spin | Index]]:
-        values = dict(zip(triad.channels, written.tolist(), strict=True))
-        after = ((one.describe(), list((values | one.after).values())) for one in some)
+        after = ((one.describe(), [list((values | one.after).values())]) for one in some)
         return [(text, triad.to_si(np.array(row)), own) for text, row in after]
 
+    other: dict[Spin | Index, str] = {}
+    for one in moves:
+        if isinstance(own, Index) and isinstance(one, Index):
+            other[replace(own, angle=one.angle)] = f"an angle of {degrees(one.angle):.6g}°"
+        elif isinstance(own, Spin) and isinstance(one, Spin):
+            other[replace(own, rate=one.rate)] = f"a rate of {one.rate * 30 / pi:.6g} rpm"
+            if one.attitude is not None:
+                other[replace(own, attitude=one.attitude)] = f"the attitude of {one.label}"
     *kinds, digits = single_changes(written, triad.channels)
-    found = entries(chain(*kinds))
-    if isinstance(own, Index):
-        for angle in dict.fromkeys(s.angle for s in moves if isinstance(s, Index)):
-            found.append((f"an angle of {degrees(angle):.6g}°", read, replace(own, angle=angle)))
-    else:
-        spins = [step for step in moves if isinstance(step, Spin)]
-        for rate in dict.fromkeys(step.rate for step in spins):
-            found.append((f"a rate of {rate * 30 / pi:.6g} rpm", read, replace(own, rate=rate)))
-        for attitude, label in {s.attitude: s.label for s in spins if not norms}.items():
-            text = f"the attitude of {label}"
-            found.append((text, read, replace(own, attitude=attitude)))
-    yield found
+    yield entries(chain(*kinds)) + [(text, read, step) for step, text in other.items()]
     yield entries(digits)
 
 
@@ -142,7 +135,7 @@ def _other_columns(moves: _Steps) -> Iterator[tuple[str, _Steps]]:
     key = "angle" if isinstance(moves[0], Index) else "attitude"
     for shift, word in ((1, "down"), (-1, "up")):
         right = [getattr(step, key) for step in (*moves[shift:], *moves[:shift])]
-        text = f"its angles or mountings are moved {word} by one row; move them back"
+        text = f"the column of angles or mountings is moved {word} by one row; move it back"
         yield text, [replace(a, **{key: b}) for a, b in zip(moves, right, strict=True)]
     known = [step.attitude for step in moves if isinstance(step, Spin)]
     if not known or any(one is None or one.name or one.up[1] for one in known):
@@ -150,9 +143,9 @@ def _other_columns(moves: _Steps) -> Iterator[tuple[str, _Steps]]:
     out, up = (np.array([getattr(one, name) for one in known]).T for name in ("out", "up"))
     theta = np.arctan2(up[0], -up[2])  # the inverse of `arm_attitude`
     psi = np.arctan2(out[1], out[2] * up[0] - out[0] * up[2])
-    radians = 'its angles are in rad; state [data] attitude_unit = "rad"'
+    radians = 'the angles are in rad; state [data] attitude_unit = "rad"'
     for text, one, two in (
-        ("its columns of ψ and θ are exchanged; correct [data] attitude", theta, psi),
+        ("the columns of ψ and θ are exchanged; correct [data] attitude", theta, psi),
         (radians, np.degrees(psi), np.degrees(theta)),
     ):
         right = map(arm_attitude, one.tolist(), two.tolist())

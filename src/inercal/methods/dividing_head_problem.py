@@ -136,9 +136,7 @@ def _certificate_candidates(
 ) -> list[Candidate]:
     """Return candidates for a certificate that begins at another face or has the other sign."""
     d, stated = bench.polygon, sensor_angles(bench, steps).nominal
-    motion = sensed_motion(bench, steps, {})
-    slope = sensor.slope(motion.motion, np.zeros(len(sensor.coefficients)))[..., :3]
-    by_angle = (slope @ motion.df["base"][..., None])[..., 0]
+    by_angle = _reading_by_angle(sensor, bench, steps)
     found: list[Candidate] = []
     for text, other in (
         ("with the other sign", tuple(-one for one in d)),
@@ -204,10 +202,14 @@ def readings_at_stated_angles(
             "angle, but this estimator corrects at most 30″; use estimator joint",
             names=(steps[worst].label,),
         )
+    turned = _reading_by_angle(sensor, bench, steps)
+    return replace(observations, mean=observations.mean - beyond[:, None] * turned)
+
+
+def _reading_by_angle(sensor: Sensor, bench: DividingHead, steps: Indexings) -> Array:
     result = sensed_motion(bench, steps, {})
     slope = sensor.slope(result.motion, np.zeros(len(sensor.coefficients)))[..., :3]
-    turned = (slope @ result.df["base"][..., None])[..., 0]
-    return replace(observations, mean=observations.mean - beyond[:, None] * turned)
+    return (slope @ result.df["base"][..., None])[..., 0]
 
 
 def with_drift_covariance(

@@ -6,7 +6,6 @@ The unit of the rates and the axes of the sensor are checked against the reading
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import permutations, product
 from math import pi, radians
 from pathlib import Path
 from typing import cast
@@ -17,6 +16,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.arm import fitting_arm_unit
+from inercal.benches.column_orders import signed_permutations
 from inercal.benches.contradicting_rows import contradicting_rows
 from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion, speed_names
 from inercal.benches.rate_table.fixture import PLANES, Plane, mounting_attitude
@@ -181,22 +181,17 @@ def require_axes(
     if model is not None:
         # A bias does not show a wrong axis, so compare only the directions of the axes.
         read = read - model.inverse.offset
-    fits = {
-        (order, signs): float(np.sum((read[:, order] * np.array(signs) - result) ** 2))
-        for order in permutations(range(3))
-        for signs in product((1, -1), repeat=3)
-    }
-    straight, best = fits[(0, 1, 2), (1, 1, 1)], min(fits, key=lambda key: fits[key])
-    if fits[best] < straight / 10 and best != ((0, 1, 2), (1, 1, 1)):
-        given = run.data.accelerometer
-        order = ", ".join(f"{'−' * (s < 0)}{given[k]}" for k, s in zip(*best, strict=True))
+    fits = {way: float(np.sum((way.reorder(read) - result) ** 2)) for way in signed_permutations(3)}
+    straight, best = next(iter(fits.values())), min(fits, key=lambda way: fits[way])
+    if fits[best] < straight / 10 and not best.is_identity:
+        given = tuple(map(str, run.data.accelerometer))
+        order = [f"{'−' * (s < 0)}{given[k]}" for k, s in zip(*best, strict=True)]
         raise key_error(
             "[data] accelerometer",
-            f"the readings fit the mountings as x, y, z = {order}, not as "
-            f"{', '.join(map(str, given))}; check the order of the columns and the mounting of the "
-            "sensor",
+            f"the readings fit the mountings as x, y, z = {', '.join(order)}, not as "
+            f"{', '.join(given)}; check the order of the columns and the mounting of the sensor",
             run.path,
-            tuple(order.split(", ")),
+            tuple(order),
         )
 
 
