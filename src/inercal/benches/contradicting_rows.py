@@ -65,7 +65,7 @@ def contradicting_rows(
     for text, others in _other_columns(moves) if several else ():
         other, left = _robust_fit(*compared(read, others), start)
         if np.sum(left > least) <= 1 and np.abs(other - start).max() < _LARGEST_ERROR:
-            return f"the readings only agree with the bench if {text}", ()
+            return f"the readings look as if {text}", ()
     limit = max(least, _SCATTER * float(np.median(off)))
     wild = np.flatnonzero(off > limit).tolist()
     labels = tuple(observations.labels[k] for k in wild)
@@ -135,7 +135,7 @@ def _other_columns(moves: _Steps) -> Iterator[tuple[str, _Steps]]:
     key = "angle" if isinstance(moves[0], Index) else "attitude"
     for shift, word in ((1, "down"), (-1, "up")):
         right = [getattr(step, key) for step in (*moves[shift:], *moves[:shift])]
-        text = f"the column of angles or mountings is moved {word} by one row; move it back"
+        text = f"the column of angles or mountings was moved {word} by one row; move it back"
         yield text, [replace(a, **{key: b}) for a, b in zip(moves, right, strict=True)]
     known = [step.attitude for step in moves if isinstance(step, Spin)]
     if not known or any(one is None or one.name or one.up[1] for one in known):
@@ -143,9 +143,9 @@ def _other_columns(moves: _Steps) -> Iterator[tuple[str, _Steps]]:
     out, up = (np.array([getattr(one, name) for one in known]).T for name in ("out", "up"))
     theta = np.arctan2(up[0], -up[2])  # the inverse of `arm_attitude`
     psi = np.arctan2(out[1], out[2] * up[0] - out[0] * up[2])
-    radians = 'the angles are in rad; state [data] attitude_unit = "rad"'
+    radians = 'the angles were in rad; state [data] attitude_unit = "rad"'
     for text, one, two in (
-        ("the columns of ψ and θ are exchanged; correct [data] attitude", theta, psi),
+        ("the columns of ψ and θ were exchanged; correct [data] attitude", theta, psi),
         (radians, np.degrees(psi), np.degrees(theta)),
     ):
         right = map(arm_attitude, one.tolist(), two.tolist())
