@@ -216,7 +216,7 @@ def section_length(section: BenchSection, name: str) -> Measured:
     return length
 
 
-_LARGEST_PLAIN = 0.1  # a larger deviation without a unit may be meant in %
+_LARGEST_PLAIN = 1e-3  # a larger deviation without a unit may be meant in %
 
 
 def section_deviation(

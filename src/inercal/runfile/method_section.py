@@ -147,13 +147,13 @@ def search_options(
     from inercal.methods.ship_multi_angle.norm_equations import Bounds, SearchOptions
 
     search = section.search or SearchSection.model_validate({})
-    goal = _positive_value(search, "goal", "%")
+    goal = _positive_value(search, "goal", "1")
     if goal >= 1:
         key = f"{_SEARCH} goal"
         raise InputError(f"{key}: {search.goal!r} must be less than 100 %", key=key)
     bounds = Bounds(
-        _positive_value(search, "scale_error", "%"),
-        _positive_value(search, "cross_axis", "%"),
+        _positive_value(search, "scale_error", "1"),
+        _positive_value(search, "cross_axis", "1"),
         _positive_value(search, "bias", "m/s²") / G0,
     )
     return SearchOptions(bounds, search.seed, _positive_value(search, "time_limit", "s"), goal)
