@@ -1,10 +1,8 @@
 """Find rows of a table that contradict the bench, when a fit has failed.
 
 One wrong entry can make a nonlinear fit diverge, so this check needs no fit by the method. It fits
-y = S f + b to the readings y and the nominal specific force f, each row divided by its |f|, with
-Cauchy's loss and a threshold that is halved step by step, as in
-`inercal.methods.centrifuge_norm.screening`. It begins with a sensor without errors, so a wrong
-angle or rate does not attract the fit. If attitudes are not known, it compares norms.
+y = S f + b to the readings y and the nominal specific force f by least absolute deviations, each
+row divided by its |f|. If attitudes are not known, it compares norms.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -20,7 +18,7 @@ from inercal.physics.plan import Index, Spin, arm_attitude
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 
-_THRESHOLDS = (0.5, 0.25, 0.12, 0.06, *[0.03] * 10)  # relative to |f|
+_ALIKE, _REWEIGHTED = 1e-3, 20  # relative: smaller residuals have equal weight; iterations
 _VECTORS, _NORMS, _SCATTER = 0.05, 0.3, 8.0  # limits, relative to |f|; times the median residual
 _FEWEST, _COLUMN, _MOST_LISTED, _MOST_REPAIRS = 6, 4, 4, 3  # rows, rows, rows, changes
 _LARGEST_ERROR = 0.3  # of scale factors and axes
@@ -58,13 +56,14 @@ def contradicting_rows(
             return np.ones_like(size), np.linalg.norm(y, axis=-1, keepdims=True) / size
         return np.concatenate([f, np.full_like(size, G0)], axis=-1) / size, y / size
 
-    start = np.ones((1, 1)) if norms else np.concatenate([axes.T, np.zeros((1, len(axes)))])
     least = _NORMS if norms else _VECTORS
-    fit, off = _robust_fit(*compared(read, moves), start)
+    fit = least_absolute_fit(*compared(read, moves))
+    off = _off(*compared(read, moves), fit)
     several = not norms and np.sum(off > least) >= _COLUMN
     for text, others in _other_columns(moves) if several else ():
-        other, left = _robust_fit(*compared(read, others), start)
-        if np.sum(left > least) <= 1 and np.abs(other - start).max() < _LARGEST_ERROR:
+        other = least_absolute_fit(*compared(read, others))
+        near = np.abs(other[:-1].T - axes).max() < _LARGEST_ERROR
+        if near and np.sum(_off(*compared(read, others), other) > least) <= 1:
             return f"the readings look as if {text}", ()
     limit = max(least, _SCATTER * float(np.median(off)))
     wild = np.flatnonzero(off > limit).tolist()
@@ -93,17 +92,19 @@ def contradicting_rows(
     return (text, labels) if lines else ("", ())
 
 
+def least_absolute_fit(columns: Array, read: Array) -> Array:
+    """Return the coefficients with the least sum of |residual|, which few wrong rows affect."""
+    solved = np.zeros((columns.shape[1], read.shape[1]))
+    weight = np.ones((len(read), 1))
+    for _ in range(_REWEIGHTED):
+        found = np.linalg.lstsq(weight * columns, weight * read, rcond=1e-6)
+        solved = np.asarray(found[0], dtype=float)
+        weight = 1 / np.sqrt(np.maximum(_off(columns, read, solved), _ALIKE))[:, None]
+    return solved
+
+
 def _off(columns: Array, read: Array, fit: Array) -> Array:
     return np.linalg.norm(read - columns @ fit, axis=-1)
-
-
-def _robust_fit(columns: Array, read: Array, fit: Array) -> tuple[Array, Array]:
-    """Return S and b, which rows with large residuals hardly affect, and the residuals."""
-    for threshold in _THRESHOLDS:
-        weight = 1 / np.hypot(1.0, _off(columns, read, fit) / threshold)[:, None]
-        solved = np.linalg.lstsq(weight * columns, weight * read, rcond=1e-6)
-        fit = np.asarray(solved[0], dtype=float)
-    return fit, _off(columns, read, fit)
 
 
 def _changes(
