@@ -9,10 +9,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, combinations, pairwise
 from math import degrees, pi
+from pathlib import Path
 
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.contract import MeanBench
 from inercal.physics.plan import Index, Spin, arm_attitude
 from inercal.physics.sensors import G0, Sensor
@@ -29,6 +31,15 @@ _REPAIR_WORDS = {
     "digit": "changing the digit of",
 }
 _Steps = Sequence[Spin | Index]
+
+
+def require_possible_rows(
+    path: Path, observations: Observations, sensor: Sensor, bench: object, steps: Sequence[object]
+) -> None:
+    """Raise an `InputError` if rows contradict the bench; see `contradicting_rows`."""
+    text, labels = contradicting_rows(observations, sensor, bench, steps)
+    if text:
+        raise InputError(f"{path}: {text}", file=path, names=labels) from None
 
 
 def contradicting_rows(

@@ -9,7 +9,7 @@ import numpy as np
 from inercal.basics.errors import InercalError, InputError, NotObserved, error_location
 from inercal.basics.units import ZERO_CELSIUS, Measured, format_duration
 from inercal.benches import Bench
-from inercal.benches.contradicting_rows import contradicting_rows
+from inercal.benches.contradicting_rows import require_possible_rows
 from inercal.calibration import Calibration
 from inercal.calibration.best_cause import also as also_change
 from inercal.calibration.best_cause import changes_text
@@ -124,7 +124,7 @@ def _fitted(
                 observations, solver_sensor, bench, inputs.plan, run.priors
             )
     except (InputError, NotObserved) as error:
-        _require_possible_rows(run, inputs, sensor, bench)
+        require_possible_rows(run.path, observations, sensor, bench, inputs.steps)
         located = error.located(run.path)
         causes = _possible_causes(inputs, sensor, zero_rates, error)
         located.args = (f"{located}{_usable_also(run, error)}{causes}",)
@@ -142,7 +142,7 @@ def _fitted(
         run.environment,
     )
     if not np.all(estimate.converged):
-        _require_possible_rows(run, inputs, sensor, bench)
+        require_possible_rows(run.path, observations, sensor, bench, inputs.steps)
     remarks = run.method.remarks(fit)
     findings += remarks.findings
     findings += stated_noise_findings(
@@ -225,15 +225,6 @@ def _fitted(
         remarks,
         tuple(generations),
     )
-
-
-def _require_possible_rows(run: Run, inputs: EstimatorInput, sensor: Sensor, bench: Bench) -> None:
-    """Refuse rows that contradict the bench, because the fit has failed."""
-    text, labels = contradicting_rows(inputs.observations, sensor, bench, inputs.steps)
-    if text:
-        raise InputError(
-            f"{run.path}: the fit failed: {text}", file=run.path, names=labels
-        ) from None
 
 
 def section_notes(inputs: EstimatorInput) -> Iterator[str]:

@@ -179,9 +179,7 @@ def _shared_unit(number: float, sd_unit: str, like: str) -> str:
 
 
 def _value(number: float, unit: str, like: str, *, difference: bool) -> float:
-    if not unit and number:
-        _require_unit_of_ratio(number, like)
-    if not unit and read_unit(like).dimension:
+    if not unit and (read_unit(like).dimension or (number and like != "1")):
         raise NotationError(f"has no unit; expected {dimension_text(like, _example(number, like))}")
     read = require_dimension(unit or "1", like)
     value = number * read.size + (0.0 if difference else read.offset)
@@ -190,19 +188,14 @@ def _value(number: float, unit: str, like: str, *, difference: bool) -> float:
     return value
 
 
-def _require_unit_of_ratio(number: float, like: str) -> None:
-    if like != "1" and not read_unit(like).dimension:
-        raise NotationError(f"has no unit; write '{number:g} %', or another unit such as ppm")
-
-
 def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
     """Return the standard uncertainty in SI, before division by k."""
     if unit and not sd_unit and sd == 0:
         return 0.0  # "9.81 m/s² ± 0": the value is exact, whatever the unit
     if unit and not sd_unit:
         raise NotationError(f"states an uncertainty without a unit; write '± {sd:g} {unit}'")
-    if not unit and not sd_unit and sd:
-        _require_unit_of_ratio(sd, like)
+    if not unit and not sd_unit and sd and like != "1":
+        raise NotationError(f"has no unit; write '± {sd:g} %', or another unit such as ppm")
     unit, sd_unit = unit or "1", sd_unit or "1"
     plain = not read_unit(like).dimension
     if plain and value and unit != sd_unit:

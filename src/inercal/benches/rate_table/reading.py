@@ -17,7 +17,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.arm import fitting_arm_unit
 from inercal.benches.column_orders import signed_permutations
-from inercal.benches.contradicting_rows import contradicting_rows, least_absolute_fit
+from inercal.benches.contradicting_rows import least_absolute_fit, require_possible_rows
 from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion, speed_names
 from inercal.benches.rate_table.fixture import PLANES, Plane, mounting_attitude
 from inercal.benches.rate_table.settings import RateTableData
@@ -148,9 +148,7 @@ def require_rates(
     if off(1.0) <= _OFF:
         return
     _refuse_unit(run, bench, off)
-    text, labels = contradicting_rows(observations, run.sensor, bench, steps)
-    if text:
-        raise InputError(f"{run.path}: {text}", file=run.path, names=labels)
+    require_possible_rows(run.path, observations, run.sensor, bench, steps)
     read, result = norms(1.0)
     worst = int(np.argmax(np.abs(read / result - 1) * turning))
     raise InputError(
