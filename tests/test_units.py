@@ -122,6 +122,10 @@ def test_text_parses_to_value_and_deviation(text: str | float, like: str, value:
         ("23 °C ± 5 %", "K", "23 °C ± 5 %"),
         ("1 ± 40 ppm", "1", "1 ± 40 ppm"),
         ("50 ppm ± 10 %", "1", "50 ppm ± 10 %"),
+        ("2", "%", "2"),  # 2 % or 200 %?
+        (0.02, "ppm", None),
+        ("0 ± 2", "%", "0 ± 2"),
+        ("5 % ± 3", "%", "5 % ± 3"),
         ("0,5 m", "m", "0,5 m"),
         ("nan", "1", "nan"),
         ("-inf m", "m", "-inf m"),

@@ -95,7 +95,7 @@ def test_a_mounting_angle_of_degrees_may_be_the_zero_of_the_head(
     sensor, bench = mounted_sensor().with_coefficients("k0", "delta_o"), DividingHead(G, base=base)
     estimate = SimpleNamespace(value=np.array([0.1, -angle, 0.1, 1e-4]))
     fit = SimpleNamespace(sensor=sensor, bench=bench, estimate=estimate)
-    assert len(remarks(cast("Fit[DividingHead, Index]", fit)).notes) == told
+    assert len(remarks(cast("Fit[DividingHead, Index]", fit)).findings) == told
 
 
 @pytest.mark.parametrize(("name", "estimated"), [("a.k1_prime", False), ("a.k0_dT", True)])

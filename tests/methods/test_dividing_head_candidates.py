@@ -86,6 +86,24 @@ def test_a_wrong_sign_or_unit_of_the_autocollimator_is_named(factor: float):
     assert said(given._replace(steps=steps))[expected] == 4
 
 
+@pytest.mark.parametrize(
+    ("stated", "expected"),
+    [
+        (lambda d: d, ""),
+        (lambda d: tuple(-one for one in d), "polygon certificate with the other sign"),
+        (lambda d: d[1:] + d[:1], "polygon certificate shifted by one face"),
+        (lambda d: d[-1:] + d[:-1], "polygon certificate shifted back by one face"),
+    ],
+)
+def test_a_certificate_with_another_sign_or_first_face_is_named(
+    stated: Callable[[tuple[float, ...]], tuple[float, ...]], expected: str
+):
+    faces = tuple((7 * np.sin(np.arange(12) ** 2)).tolist())
+    bench = Bench(collimated="every", polygon=faces)
+    given = made(bench, 4, polygon=tuple(ARCSEC * one for one in stated(faces)))
+    assert said(given)[expected] == 4
+
+
 def test_a_creep_that_is_not_declared_is_named():
     assert said(made(Bench(creep=3.0), 8, creep=0.0))["creep"] >= 7
 

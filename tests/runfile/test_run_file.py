@@ -116,6 +116,7 @@ def test_chosen_coefficients_replace_those_of_the_method(tmp_path: Path):
         ('tilt = "0.3 °"\nturn_a', 'tilt = "2 mm"\nturn_a', "[bench] tilt"),
         ('tilt = "0.3 °"\nturn_a', 'tilt = "0.3"\nturn_a', "[bench] tilt"),
         ("turn_angle", 'timebase = "20"\nturn_angle', "[bench] timebase"),
+        ("turn_angle", 'timebase = "0.05"\nturn_angle', "[bench] timebase"),  # %?
         ('"9.81 m/s² ± 0.2 mm/s²"', '"5 m/s²"', "[bench] gravity"),
         ('"9.81 m/s² ± 0.2 mm/s²"', '"98.1 m"', "[bench] gravity"),
         ('"9.81 m/s² ± 0.2 mm/s²"', '"9.75 m/s² ± 20 µm/s²"', "[bench] gravity"),

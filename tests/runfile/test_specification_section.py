@@ -76,6 +76,8 @@ def test_notations_of_a_limit(tmp_path: Path, text: str, lower: float, upper: fl
         '[specification.limits]\n"ax.k0" = "20 mg"',
         '[specification.limits]\n"ax.k0" = "± 20 mg (k=2)"',
         '[specification.limits]\n"ax.k0" = "± 20 °/h"',
+        '[specification.limits]\nscale = "± 2"',
+        '[specification.limits]\nscale = ["-1", "2 %"]',
         '[specification.limits]\n"ax.k0" = ["2 mg", "-1 mg"]',
         '[specification.limits]\n"ax.k0" = ["2 mg"]',
         '[specification.limits]\n"ax.k0" = ["1 mg ± 1 mg", "2 mg"]',

@@ -458,10 +458,15 @@ def test_rates_of_a_table_in_another_unit_than_rpm_are_named(
         (("ax", "-ay", "az"), '["ax", "ay", "az"]', "ay"),
     ],
 )
+@pytest.mark.parametrize("changes", [(), NORMS])
 def test_exchanged_or_reversed_columns_are_named_by_the_known_attitudes(
-    columns: tuple[str, ...], right: str, reversed_column: str, tmp_path: Path
+    columns: tuple[str, ...],
+    right: str,
+    reversed_column: str,
+    changes: tuple[tuple[str, str], ...],
+    tmp_path: Path,
 ):
-    path = changed(tmp_path, "lab")
+    path = changed(tmp_path, "lab", *changes)
     comment, head, *rows = (tmp_path / "lab.csv").read_text(encoding="utf-8").splitlines()
     names = head.split(",")
     cells = [dict(zip(names, row.split(","), strict=True)) for row in rows]

@@ -9,6 +9,7 @@ from tests.accuracy.arm_runs import Run, record
 from tests.accuracy.centrifuge import EARTH, PAPER_G, RATES, Triad, full_circle
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError
 from inercal.physics.sensors import Readout, Sensor, triad
 from inercal.recordings import Finding, Recording
 from inercal.recordings.segments import average_dwells, find_dwells
@@ -182,3 +183,13 @@ def test_a_dwell_that_returns_is_named_apart():
     made = recording(a_run(rates=[RATES[0], RATES[1], RATES[0]]))
     labels = [dwell.mark.label for dwell in find_dwells(made)[0]]
     assert labels[:3] == ["p01 at 60 rpm", "p01 at 120 rpm", "p01 at 60 rpm (2)"]
+
+
+@pytest.mark.parametrize(("size", "named"), [(1e-3, True), (1.0, False)])
+def test_times_too_short_for_any_dwell_name_their_unit(size: float, named: bool):
+    made = recording(a_run())
+    creeping = made.readback["arm_rate"] * np.linspace(1, 9, made.time.size)
+    made = replace(made, time=size * made.time, readback={"arm_rate": creeping})
+    with pytest.raises(InputError) as caught:
+        find_dwells(made)
+    assert ("time_unit" in str(caught.value)) == named

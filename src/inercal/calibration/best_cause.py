@@ -36,6 +36,7 @@ import scipy
 from inercal.basics.run_file_advice import Advice, Change
 from inercal.estimation import Estimate, ScoreTest
 from inercal.estimation.scores import (
+    CERTIFICATE,
     HYSTERESIS,
     PARALLEL_COSINE,
     SCORE_TEST_SHARE,
@@ -376,6 +377,8 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
         return "check the latitude and its sign, and the names and signs of the gyros' columns"
     if cause.name == "autocollimator scale":
         return "check the sign and the unit of the autocollimator readings in [data]"
+    if cause.name.startswith(CERTIFICATE):
+        return "check the sign and the first face of the deviations in [bench] polygon"
     if cause.kind == "bench" and cause.changes:
         return f"check whether the run file should state {changes_text(cause.changes)}"
     if cause.name.startswith(HYSTERESIS) and cause.name.endswith("temperature"):

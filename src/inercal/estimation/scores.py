@@ -43,6 +43,7 @@ from inercal.estimation.lazy_value import LazyValue
 
 CandidateKind = Literal["coefficient", "bench", "row", "time"]
 
+CERTIFICATE = "polygon certificate"  # start of the names of its candidates
 HYSTERESIS = "hysteresis of "  # start of the name of a candidate, followed by the axis
 # Tests of the samples within sections, by the start of their names.
 BURST_AT = "burst at the "  # begins the name of a test for a burst at the start or end of a section

@@ -21,12 +21,12 @@ from inercal.benches.dividing_head.passes import (
     pass_names,
     sensor_angles,
 )
-from inercal.estimation import Problem
-from inercal.estimation.scores import HYSTERESIS
+from inercal.estimation import Candidate, Problem
+from inercal.estimation.scores import CERTIFICATE, HYSTERESIS
 from inercal.methods import Fit, Priors, Remarks, candidates, mean_problem
 from inercal.physics.plan import Index, Indexings
 from inercal.physics.sensors import Sensor
-from inercal.recordings import Observations
+from inercal.recordings import Finding, Observations
 
 MIN_POSITIONS = 4  # positions
 _TESTED_HARMONICS = 4  # of the head's error; higher harmonics act like graduation errors
@@ -35,19 +35,18 @@ _MAX_ANGLE_CORRECTION = 1.5e-4  # rad
 
 
 def remarks(fit: Fit[DividingHead, Index]) -> Remarks:
-    """Return a note if a mounting angle is so large that it may be the zero of the head."""
+    """Return a warning if a mounting angle is so large that it may be the zero of the head."""
     limit = max(_LARGEST_MOUNTING, _FAR * fit.bench.base)
     values = zip(fit.sensor.coefficients, fit.estimate.value.tolist(), strict=False)
     far = {name: value for name, value in values if "delta_o" in name and abs(value) > limit}
     if not far:
         return Remarks()
     angles = " and ".join(f"{name} = {value * 180 / pi:.3g}°" for name, value in far.items())
-    return Remarks(
-        notes=(
-            f"{angles}: this includes the error of the head's zero. If the zero may be wrong by as "
-            "much, state it in [bench] base, because U includes only the stated base.",
-        )
+    text = (
+        f"{angles} may be a wrong zero of the head: check the zero; if it may be wrong by as much, "
+        "state it in [bench] base, because U includes only the stated base"
     )
+    return Remarks((Finding("warning", "zero", text),))
 
 
 def plan(
@@ -127,17 +126,37 @@ def head_problem(
         suspects=suspects,
     )
     loops, others = _hysteresis_candidates(sensor, bench, steps), result.candidates
+    loops += _certificate_candidates(sensor, bench, steps)
     assert others is not None
 
-    def with_loops(x: Array) -> list[candidates.Candidate]:
+    def with_loops(x: Array) -> list[Candidate]:
         return [*others(x), *loops]
 
     return replace(result, candidates=with_loops)
 
 
+def _certificate_candidates(
+    sensor: Sensor, bench: DividingHead, steps: Indexings
+) -> list[Candidate]:
+    """Return candidates for a certificate that begins at another face or has the other sign."""
+    d, stated = bench.polygon, sensor_angles(bench, steps).nominal
+    by_angle = _reading_by_angle(sensor, bench, steps)
+    found: list[Candidate] = []
+    for text, other in (
+        ("with the other sign", tuple(-one for one in d)),
+        ("shifted back by one face", (*d[1:], *d[:1])),
+        ("shifted by one face", (*d[-1:], *d[:-1])),
+    ):
+        angle = sensor_angles(replace(bench, polygon=other), steps).nominal - stated
+        rows, name = (angle[:, None] * by_angle).reshape(-1, 1), f"{CERTIFICATE} {text}"
+        if rows.any():
+            found.append(Candidate(name, "bench", (name,), ("",), rows, is_switch=True))
+    return found
+
+
 def _hysteresis_candidates(
     sensor: Sensor, bench: DividingHead, steps: Indexings
-) -> list[candidates.Candidate]:
+) -> list[Candidate]:
     """Return candidates for a hysteresis of the accelerometers, if both passes show it."""
     if len({step.sense for step in steps} - {0}) < len("±"):
         return []
@@ -187,10 +206,14 @@ def readings_at_stated_angles(
             "angle, but this estimator corrects at most 30″; use estimator joint",
             names=(steps[worst].label,),
         )
+    turned = _reading_by_angle(sensor, bench, steps)
+    return replace(observations, mean=observations.mean - beyond[:, None] * turned)
+
+
+def _reading_by_angle(sensor: Sensor, bench: DividingHead, steps: Indexings) -> Array:
     result = sensed_motion(bench, steps, {})
     slope = sensor.slope(result.motion, np.zeros(len(sensor.coefficients)))[..., :3]
-    turned = (slope @ result.df["base"][..., None])[..., 0]
-    return replace(observations, mean=observations.mean - beyond[:, None] * turned)
+    return (slope @ result.df["base"][..., None])[..., 0]
 
 
 def with_drift_covariance(

@@ -216,13 +216,16 @@ def section_length(section: BenchSection, name: str) -> Measured:
     return length
 
 
+_LARGEST_PLAIN = 1e-3  # a larger deviation without a unit may be meant in %
+
+
 def section_deviation(
     section: BenchSection, name: str, like: str, limit: Limit | None = None
 ) -> float:
     """Return a standard deviation stated in the section, SI."""
     key, text = f"[bench] {name}", getattr(section, name)
     value = non_negative_value(text, like, key)
-    if like == "1" and value > 1:
+    if like == "1" and value > (_LARGEST_PLAIN if str(text).strip()[-1:].isdigit() else 1):
         raise key_error(key, f"{text!r} is {100 * value:g} %; state its unit, such as ppm or %")
     if limit is not None and value > limit.value:
         raise key_error(key, f"{text!r} is more than {limit.meaning}; check the value and its unit")

@@ -9,6 +9,7 @@ import numpy as np
 from inercal.basics.errors import InercalError, InputError, NotObserved, error_location
 from inercal.basics.units import ZERO_CELSIUS, Measured, format_duration
 from inercal.benches import Bench
+from inercal.benches.contradicting_rows import require_possible_rows
 from inercal.calibration import Calibration
 from inercal.calibration.best_cause import also as also_change
 from inercal.calibration.best_cause import changes_text
@@ -118,11 +119,13 @@ def _fitted(
             progress(generation)
 
     try:
-        with prepared(solution):
+        # A fit to wrong rows may overflow before it is refused.
+        with prepared(solution), np.errstate(all="ignore"):
             estimate = run.solver(after)(
                 observations, solver_sensor, bench, inputs.plan, run.priors
             )
     except (InputError, NotObserved) as error:
+        require_possible_rows(run.path, observations, sensor, bench, inputs.steps)
         located = error.located(f"{run.path}{_flaws_in_words(inputs.findings)}", file=run.path)
         causes = _possible_causes(inputs, sensor, zero_rates, error)
         if isinstance(error, NotObserved):
@@ -141,6 +144,8 @@ def _fitted(
         run.time_offset,
         run.environment,
     )
+    if not np.all(estimate.converged):
+        require_possible_rows(run.path, observations, sensor, bench, inputs.steps)
     remarks = run.method.remarks(fit)
     findings += remarks.findings
     findings += stated_noise_findings(
@@ -369,7 +374,7 @@ def _usable_also(run: Run, error: InercalError) -> str:
         free -= set(added)
     if free:
         return ""
-    return f"; use {changes_text((also_change(kept),))}" if kept else "; remove [method] also"
+    return f"; or {f'use {changes_text((also_change(kept),))}' if kept else 'remove [method] also'}"
 
 
 def _flaws_in_words(findings: Sequence[Finding]) -> str:

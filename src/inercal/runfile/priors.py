@@ -52,7 +52,7 @@ def method_priors(section: MethodSection, folder: Path, sensor: Sensor) -> tuple
     if section.prior_file is not None:
         priors.append(_static_prior(folder / section.prior_file, sensor))
     for file, names in section.prior_from.items():
-        priors.append(_prior_from(folder / file, names, sensor))
+        priors.append(_prior_from(f'[method.prior_from."{file}"]', folder / file, names, sensor))
     if section.prior_type is not None:
         priors.append(type_prior_of(folder / section.prior_type, sensor))
     found = [name for prior in priors for name in prior.names]
@@ -103,11 +103,13 @@ def _static_prior(path: Path, sensor: Sensor) -> Gaussian:
     return _gaussian(names, known, names)
 
 
-def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussian:
+def _prior_from(key: str, path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussian:
     """Return coefficients from another calibration as a prior, under the names used in this run.
 
     Parameters
     ----------
+    key : str
+        The section of the run file.
     path : Path
         Path of the calibration file. Its sensor may have other axes, for example if the same
         accelerometer was calibrated on another bench.
@@ -124,7 +126,6 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
     """
     from inercal.calibration.files import load
 
-    key = f'[method.prior_from."{path.name}"]'
     known = load(path)
     if not taken:
         raise key_error(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from inercal.basics.errors import InputError, error_location
 from inercal.basics.keys import CoefficientName
-from inercal.basics.units import parse_quantity
+from inercal.basics.units import Measured, parse_quantity
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_selection import select_coefficients
@@ -159,7 +159,9 @@ def _parse_limits(text: str | tuple[str, str], unit: str) -> _Limits:
             raise InputError(f"{text!r}: a limit does not need k; remove it")
         if _NEGATIVE.match(text):
             raise InputError(f"{text!r}: a limit after ± must be positive; remove the sign")
-        middle = parse_quantity(f"0 {text}" if _SIGNS.match(text) else text, unit)
+        signs = _SIGNS.match(text)
+        around = Measured(0.0, _exact(text[signs.end() :], unit)) if signs else None
+        middle = around or parse_quantity(text, unit)
         if not middle.sd:
             raise InputError(
                 f'{text!r} is not a limit; write "± …", "≤ …", "≥ …" or ["lower", "upper"]'

@@ -144,7 +144,7 @@ def _expand(
 
 
 _KINDS = {
-    "1": "a plain number",
+    "1": "a ratio",
     "m": "a length",
     "s": "a time",
     "rad": "an angle",

@@ -63,7 +63,8 @@ def parse_quantity(
     Parameters
     ----------
     text : str or float
-        The quantity. A number, or a text without a unit, is allowed only if `like` is "1".
+        The quantity. A number other than 0, or a text with one and without a unit, is allowed only
+        if `like` is "1": for `like` "%" or "ppm", "5" could mean 5 %.
     like : str
         A unit of the expected dimension.
     last_digit : bool
@@ -178,7 +179,7 @@ def _shared_unit(number: float, sd_unit: str, like: str) -> str:
 
 
 def _value(number: float, unit: str, like: str, *, difference: bool) -> float:
-    if not unit and read_unit(like).dimension:
+    if not unit and (read_unit(like).dimension or (number and like != "1")):
         raise NotationError(f"has no unit; expected {dimension_text(like, _example(number, like))}")
     read = require_dimension(unit or "1", like)
     value = number * read.size + (0.0 if difference else read.offset)
@@ -193,6 +194,8 @@ def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
         return 0.0  # "9.81 m/s² ± 0": the value is exact, whatever the unit
     if unit and not sd_unit:
         raise NotationError(f"states an uncertainty without a unit; write '± {sd:g} {unit}'")
+    if not unit and not sd_unit and sd and like != "1":
+        raise NotationError(f"has no unit; write '± {sd:g} %', or another unit such as ppm")
     unit, sd_unit = unit or "1", sd_unit or "1"
     plain = not read_unit(like).dimension
     if plain and value and unit != sd_unit:

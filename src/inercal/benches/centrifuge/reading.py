@@ -203,7 +203,7 @@ def observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
             )
     result = _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
     refusal = norm_refusal(run, bench, result)
-    if known and bench.platform == "locked":
+    if run.data.attitude is not None and bench.platform == "locked":
         _require_order(run, bench, result)
     return replace(
         result,

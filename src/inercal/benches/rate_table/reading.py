@@ -16,6 +16,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.arm import fitting_arm_unit
+from inercal.benches.contradicting_rows import least_absolute_fit, require_possible_rows
 from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion, speed_names
 from inercal.benches.rate_table.fixture import PLANES, Plane, mounting_attitude
 from inercal.benches.rate_table.kind import RateTableData
@@ -38,8 +39,6 @@ from inercal.recordings.segments.stationary_states import (
 _OFF = 0.2  # largest relative error of a norm, after correction by a rough model of the triad
 _USABLE = (0.5, 2.0)  # times nominal: range of scale factors if the run file is correct
 _DETERMINED = 0.05  # times the largest singular value: below this, a triad is not determined
-_ALIKE = 1e-3  # g: smaller residuals have equal weight
-_REWEIGHTED = 20
 _FEWEST = 4  # states needed to identify the axes
 _FAST = 0.9  # times the fastest rate: samples above this show the unit
 
@@ -109,13 +108,7 @@ def _fit_triad(read: Array, nominal: Array) -> AffineModel | None:
     size = np.linalg.svd(columns, compute_uv=False)
     if len(columns) < columns.shape[1] or size[-1] < _DETERMINED * size[0]:
         return None
-    weight = np.ones(len(read))
-    solved = np.zeros((4, 3))
-    for _ in range(_REWEIGHTED):
-        root = np.sqrt(weight)[:, None]
-        solved = np.linalg.lstsq(root * columns, root * read, rcond=None)[0]
-        residual = np.linalg.norm(read - columns @ solved, axis=-1)
-        weight = 1 / np.maximum(residual, _ALIKE * G0)
+    solved = least_absolute_fit(columns / G0, read / G0)
     scale = np.linalg.svd(solved[:3], compute_uv=False)
     if scale[-1] < _USABLE[0] or scale[0] > _USABLE[1]:
         return None
@@ -146,6 +139,7 @@ def require_rates(
     if off(1.0) <= _OFF:
         return
     _refuse_unit(run, bench, off)
+    require_possible_rows(run.path, observations, run.sensor, bench, steps)
     read, result = norms(1.0)
     worst = int(np.argmax(np.abs(read / result - 1) * turning))
     raise InputError(
@@ -171,15 +165,14 @@ def require_axes(
     fits = {way: float(np.sum((way.reorder(read) - result) ** 2)) for way in signed_permutations(3)}
     straight, best = next(iter(fits.values())), min(fits, key=lambda way: fits[way])
     if fits[best] < straight / 10 and not best.is_identity:
-        given = run.data.accelerometer
-        order = ", ".join(f"{'−' * (s < 0)}{given[k]}" for k, s in zip(*best, strict=True))
+        given = tuple(map(str, run.data.accelerometer))
+        order = [f"{'−' * (s < 0)}{given[k]}" for k, s in zip(*best, strict=True)]
         raise key_error(
             "[data] accelerometer",
-            f"the readings fit the mountings as x, y, z = {order}, not as "
-            f"{', '.join(map(str, given))}; check the order of the columns and the mounting of the "
-            "sensor",
+            f"the readings fit the mountings as x, y, z = {', '.join(order)}, not as "
+            f"{', '.join(given)}; check the order of the columns and the mounting of the sensor",
             run.path,
-            tuple(order.split(", ")),
+            tuple(order),
         )
 
 

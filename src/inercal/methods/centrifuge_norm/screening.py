@@ -19,9 +19,7 @@ level.
 # SciPy has no type stubs.
 # pyright: reportMissingTypeStubs=false
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +28,7 @@ import scipy
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.centrifuge.bench import Centrifuge
+from inercal.benches.contradicting_rows import Repair, single_changes
 from inercal.estimation import Cauchy, Estimate, Problem, least_squares
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL
 from inercal.methods import Priors
@@ -48,29 +47,6 @@ _REPAIR_LIMIT = 4.0  # standard deviations; and at most half of the residual wit
 _MAX_LISTED_REPAIRS = 4  # per row
 _INCONSISTENT_SCATTER = 1e3  # times the stated noise
 _MAD_FACTOR = 1.4826  # standard deviation per median of |u|
-
-
-_REPAIR_WORDS = {
-    "sign": "changing the sign of",
-    "exchange": "exchanging",
-    "decimal": "moving the decimal point of",
-    "digit": "changing the digit of",
-}
-
-
-@dataclass(frozen=True)
-class Repair:
-    """One change to a row: entries before and after it, in output units, by axis."""
-
-    kind: str  # "sign", "exchange", "decimal" or "digit"
-    before: dict[str, float]
-    after: dict[str, float]
-
-    def describe(self) -> str:
-        """Return a description such as "changing the sign of az (0.743943 → −0.743943)"."""
-        names = " and ".join(self.before)
-        pairs = [f"{self.before[a]:.9g} → {self.after[a]:.9g}" for a in self.before]
-        return f"{_REPAIR_WORDS[self.kind]} {names} ({', '.join(pairs)})".replace("-", "−")
 
 
 @dataclass(frozen=True)
@@ -176,7 +152,7 @@ def screen_rows(
     for k in bad:
         written, z = sensor.to_output(observations.mean[k]), float(fit.whitened[k]) / noise
         repairs: tuple[Repair, ...] = ()
-        for changes in _single_changes(written, sensor.channels):
+        for changes in single_changes(written, sensor.channels):
             after = np.tile(written, (len(changes), 1))
             for row, change in zip(after, changes, strict=True):
                 for axis, value in change.after.items():
@@ -250,37 +226,3 @@ def _with_independent_rows(problem: Problem) -> Problem:
         return np.sqrt(np.linalg.diagonal(stated(x)))
 
     return replace(problem, noise=noise, correlated=False) if problem.correlated else problem
-
-
-def _single_changes(written: Array, channels: Sequence[str]) -> Iterator[list[Repair]]:
-    """Yield lists of single changes to a row, one list per kind, the simplest kind first."""
-    named = dict(zip(channels, written.tolist(), strict=True))
-    yield [Repair("sign", {a: v}, {a: -v}) for a, v in named.items() if v]
-    yield [
-        Repair("exchange", {a: named[a], b: named[b]}, {a: named[b], b: named[a]})
-        for a, b in combinations(channels, 2)
-        if named[a] != named[b]
-    ]
-    yield [
-        Repair("decimal", {a: v}, {a: float(f"{v * factor:.9g}")})
-        for a, v in named.items()
-        for factor in (10.0, 0.1)
-        if v
-    ]
-    yield [
-        Repair("digit", {a: v}, {a: other}) for a, v in named.items() for other in _digit_changes(v)
-    ]
-
-
-def _digit_changes(value: float) -> list[float]:
-    """Return all numbers with one digit changed or two neighbouring digits exchanged."""
-    text = f"{value:.9g}"
-    places = [k for k, c in enumerate(text) if c.isdigit()]
-    changed = {
-        float(text[:k] + d + text[k + 1 :]) for k in places for d in "0123456789" if d != text[k]
-    }
-    for j, k in pairwise(places):
-        swapped = list(text)
-        swapped[j], swapped[k] = swapped[k], swapped[j]
-        changed.add(float("".join(swapped)))
-    return sorted(changed - {value})

@@ -185,7 +185,7 @@ def _newton(
     motion = _motion(across + x @ basis.T, rates, thermal)
     slope = sensor.slope(motion, c) @ basis
     unsettled = (np.abs(step) > _SETTLED * size).any(axis=-1)
-    folded = _determinant(slope) * _determinant(at_origin) <= 0
+    folded = np.sign(_determinant(slope)) * np.sign(_determinant(at_origin)) <= 0
     bad = unsettled | folded
     if not refuse:
         x = np.where(bad[..., None], np.nan, x)

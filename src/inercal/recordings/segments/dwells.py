@@ -97,11 +97,14 @@ def find_dwells(
     if not dwells:
         reasons = f" ({left_out[0].message})" if left_out else ""
         fastest = float(np.abs(smooth).max()) * 30 / pi
+        span, advice = float(np.ptp(recording.time)), "check the column of the rate"
+        if span < SETTLING_TIME + 60 * LEAST_TURNS / max(fastest, 1e-9):
+            advice = f"the times span only {span:.3g} s: check time_unit or rate in [data]"
         raise InputError(
             f"{recording.source or 'recording'}: no dwell was detected: a dwell needs a steady "
             f"rate for {SETTLING_TIME:g} s and {LEAST_TURNS} more turns, but the "
-            f"{turning_device} has none up to {fastest:.4g} rpm{reasons}; check the column of "
-            "the rate, or record again",
+            f"{turning_device} has none up to {fastest:.4g} rpm{reasons}; {advice}, or "
+            "record again",
             file=recording.source or None,
             names=(ARM_RATE,),
         )

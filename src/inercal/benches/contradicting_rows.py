@@ -1,0 +1,213 @@
+"""Find rows of a table that contradict the bench, when a fit has failed.
+
+One wrong entry can make a nonlinear fit diverge, so this check needs no fit by the method. It fits
+y = S f + b to the readings y and the nominal specific force f by least absolute deviations, each
+row divided by its |f|. If attitudes are not known, it compares norms.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, combinations, pairwise
+from math import degrees, pi
+from pathlib import Path
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.benches.contract import MeanBench
+from inercal.physics.plan import Index, Spin, arm_attitude
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import Observations
+
+_ALIKE, _REWEIGHTED = 1e-3, 20  # relative: smaller residuals have equal weight; iterations
+_VECTORS, _NORMS, _SCATTER = 0.05, 0.3, 8.0  # limits, relative to |f|; times the median residual
+_FEWEST, _COLUMN, _MOST_LISTED, _MOST_REPAIRS = 6, 4, 4, 3  # rows, rows, rows, changes
+_LARGEST_ERROR = 0.3  # of scale factors and axes
+_REPAIR_WORDS = {
+    "sign": "changing the sign of",
+    "exchange": "exchanging",
+    "decimal": "moving the decimal point of",
+    "digit": "changing the digit of",
+}
+_Steps = Sequence[Spin | Index]
+
+
+def require_possible_rows(
+    path: Path, observations: Observations, sensor: Sensor, bench: object, steps: Sequence[object]
+) -> None:
+    """Raise an `InputError` if rows contradict the bench; see `contradicting_rows`."""
+    text, labels = contradicting_rows(observations, sensor, bench, steps)
+    if text:
+        raise InputError(f"{path}: {text}", file=path, names=labels) from None
+
+
+def contradicting_rows(
+    observations: Observations, sensor: Sensor, bench: object, steps: Sequence[object]
+) -> tuple[str, tuple[str, ...]]:
+    """Return what is wrong, and the labels of the wrong rows; both are empty if nothing is found.
+
+    A mistake in a whole column of angles is named if its correction makes the rows agree.
+    """
+    triad, moves = sensor.select_axes("f"), [s for s in steps if isinstance(s, Spin | Index)]
+    read, axes = observations.mean[..., : len(triad.axes)], triad.input_axes("f")
+    if read.ndim != axes.ndim or not _FEWEST <= len(moves) == len(read) or not len(axes):
+        return "", ()
+    if not isinstance(bench, MeanBench) or any(getattr(s, "azimuth", None) for s in moves):
+        return "", ()
+    norms = any(isinstance(step, Spin) and step.attitude is None for step in moves)
+
+    def compared(y: Array, some: _Steps) -> tuple[Array, Array]:
+        """Return the columns of the fit and the readings, divided by |f|."""
+        if norms:
+            some = [replace(step, attitude=arm_attitude(0.0, 0.0)) for step in some]
+        f = bench.mean_motion(some, {}).f
+        size = np.linalg.norm(f, axis=-1, keepdims=True)
+        if norms:
+            return np.ones_like(size), np.linalg.norm(y, axis=-1, keepdims=True) / size
+        return np.concatenate([f, np.full_like(size, G0)], axis=-1) / size, y / size
+
+    least = _NORMS if norms else _VECTORS
+    fit = least_absolute_fit(*compared(read, moves))
+    off = _off(*compared(read, moves), fit)
+    several = not norms and np.sum(off > least) >= _COLUMN
+    for text, others in _other_columns(moves) if several else ():
+        other = least_absolute_fit(*compared(read, others))
+        near = np.abs(other[:-1].T - axes).max() < _LARGEST_ERROR
+        if near and np.sum(_off(*compared(read, others), other) > least) <= 1:
+            return f"the readings look as if {text}", ()
+    limit = max(least, _SCATTER * float(np.median(off)))
+    wild = np.flatnonzero(off > limit).tolist()
+    labels = tuple(observations.labels[k] for k in wild)
+    peaks = {f"{np.abs(triad.to_output(read[k])).max():.6g}" for k in wild}
+    if len(wild) >= _COLUMN and len(peaks) == 1:
+        text = f"the largest reading of {', '.join(labels[:_MOST_LISTED])} and other rows is always"
+        return f"{text} {peaks.pop()}, where the output is clipped; remove these rows", labels
+    lines: list[str] = []
+    for k, label in zip(wild[:_MOST_LISTED], labels, strict=False):
+        repairs = next(
+            filter(
+                None,
+                (
+                    [text for text, y, step in some if _off(*compared(y, [step]), fit) < limit]
+                    for some in _changes(read[[k]], triad, moves, moves[k])
+                ),
+            ),
+            list[str](),
+        )
+        fix = f", which {' or '.join(repairs)} would correct" if repairs else ""
+        fix *= len(repairs) <= _MOST_REPAIRS
+        lines.append(f"{label} is off by {100 * off[k]:.0f} % of the force{fix}")
+    more = f"; and {len(wild) - len(lines)} more" if len(wild) > len(lines) else ""
+    text = f"rows contradict the bench: {'; '.join(lines)}{more}; check them, or remove them"
+    return (text, labels) if lines else ("", ())
+
+
+def least_absolute_fit(columns: Array, read: Array) -> Array:
+    """Return the coefficients with the least sum of |residual|, which few wrong rows affect."""
+    solved = np.zeros((columns.shape[1], read.shape[1]))
+    weight = np.ones((len(read), 1))
+    for _ in range(_REWEIGHTED):
+        found = np.linalg.lstsq(weight * columns, weight * read, rcond=1e-6)
+        solved = np.asarray(found[0], dtype=float)
+        weight = 1 / np.sqrt(np.maximum(_off(columns, read, solved), _ALIKE))[:, None]
+    return solved
+
+
+def _off(columns: Array, read: Array, fit: Array) -> Array:
+    return np.linalg.norm(read - columns @ fit, axis=-1)
+
+
+def _changes(
+    read: Array, triad: Sensor, moves: _Steps, own: Spin | Index
+) -> Iterator[list[tuple[str, Array, Spin | Index]]]:
+    """Yield lists of single changes to a row, as text, reading and step; one digit comes last."""
+    written = triad.to_output(read[0])
+    values = dict(zip(triad.channels, written.tolist(), strict=True))
+
+    def entries(some: Iterable[Repair]) -> list[tuple[str, Array, Spin | Index]]:
+        after = ((one.describe(), [list((values | one.after).values())]) for one in some)
+        return [(text, triad.to_si(np.array(row)), own) for text, row in after]
+
+    other: dict[Spin | Index, str] = {}
+    for one in moves:
+        if isinstance(own, Index) and isinstance(one, Index):
+            other[replace(own, angle=one.angle)] = f"an angle of {degrees(one.angle):.6g}°"
+        elif isinstance(own, Spin) and isinstance(one, Spin):
+            other[replace(own, rate=one.rate)] = f"a rate of {one.rate * 30 / pi:.6g} rpm"
+            if one.attitude is not None:
+                other[replace(own, attitude=one.attitude)] = f"the attitude of {one.label}"
+    *kinds, digits = single_changes(written, triad.channels)
+    yield entries(chain(*kinds)) + [(text, read, step) for step, text in other.items()]
+    yield entries(digits)
+
+
+def _other_columns(moves: _Steps) -> Iterator[tuple[str, _Steps]]:
+    """Yield frequent mistakes in a whole column of angles, and the steps without the mistake."""
+    key = "angle" if isinstance(moves[0], Index) else "attitude"
+    for shift, word in ((1, "down"), (-1, "up")):
+        right = [getattr(step, key) for step in (*moves[shift:], *moves[:shift])]
+        text = f"the column of angles or mountings was moved {word} by one row; move it back"
+        yield text, [replace(a, **{key: b}) for a, b in zip(moves, right, strict=True)]
+    known = [step.attitude for step in moves if isinstance(step, Spin)]
+    if not known or any(one is None or one.name or one.up[1] for one in known):
+        return
+    out, up = (np.array([getattr(one, name) for one in known]).T for name in ("out", "up"))
+    theta = np.arctan2(up[0], -up[2])  # the inverse of `arm_attitude`
+    psi = np.arctan2(out[1], out[2] * up[0] - out[0] * up[2])
+    radians = 'the angles were in rad; state [data] attitude_unit = "rad"'
+    for text, one, two in (
+        ("the columns of ψ and θ were exchanged; correct [data] attitude", theta, psi),
+        (radians, np.degrees(psi), np.degrees(theta)),
+    ):
+        right = map(arm_attitude, one.tolist(), two.tolist())
+        yield text, [replace(a, attitude=b) for a, b in zip(moves, right, strict=True)]
+
+
+@dataclass(frozen=True)
+class Repair:
+    """One change to a row: entries before and after it, in output units, by axis."""
+
+    kind: str  # "sign", "exchange", "decimal" or "digit"
+    before: dict[str, float]
+    after: dict[str, float]
+
+    def describe(self) -> str:
+        """Return a description such as "changing the sign of az (0.743943 → −0.743943)"."""
+        names = " and ".join(self.before)
+        pairs = [f"{self.before[a]:.9g} → {self.after[a]:.9g}" for a in self.before]
+        return f"{_REPAIR_WORDS[self.kind]} {names} ({', '.join(pairs)})".replace("-", "−")
+
+
+def single_changes(written: Array, channels: Sequence[str]) -> Iterator[list[Repair]]:
+    """Yield lists of single changes to a row, one list per kind, the simplest kind first."""
+    named = dict(zip(channels, written.tolist(), strict=True))
+    yield [Repair("sign", {a: v}, {a: -v}) for a, v in named.items() if v]
+    yield [
+        Repair("exchange", {a: named[a], b: named[b]}, {a: named[b], b: named[a]})
+        for a, b in combinations(channels, 2)
+        if named[a] != named[b]
+    ]
+    yield [
+        Repair("decimal", {a: v}, {a: float(f"{v * factor:.9g}")})
+        for a, v in named.items()
+        for factor in (10.0, 0.1)
+        if v
+    ]
+    yield [
+        Repair("digit", {a: v}, {a: other}) for a, v in named.items() for other in _digit_changes(v)
+    ]
+
+
+def _digit_changes(value: float) -> list[float]:
+    """Return all numbers with one digit changed or two neighbouring digits exchanged."""
+    text = f"{value:.9g}"
+    places = [k for k, c in enumerate(text) if c.isdigit()]
+    changed = {
+        float(text[:k] + d + text[k + 1 :]) for k in places for d in "0123456789" if d != text[k]
+    }
+    for j, k in pairwise(places):
+        swapped = list(text)
+        swapped[j], swapped[k] = swapped[k], swapped[j]
+        changed.add(float("".join(swapped)))
+    return sorted(changed - {value})

@@ -1,0 +1,152 @@
+"""A wrong entry, or a wrong column of angles, is named also if the fit fails because of it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from inercal.basics.errors import InputError
+from inercal.benches.contradicting_rows import contradicting_rows
+from inercal.pipeline import calibrate
+from inercal.pipeline.run_calibration import observed
+from inercal.runfile import read
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+Rows = list[list[str]]
+Edit = Callable[[Rows], None]
+ARM, HEAD, SHIP = "centrifuge/lab", "dividing_head/lab", "rate_table/ship"
+TUMBLE = "dividing_head/tumble"
+NORMS = ("indexing =", "mounting =")
+
+
+def changed(folder: Path, name: str, edit: Edit, leave_out: tuple[str, ...] = ()) -> Path:
+    """Return an example's run file without some keys, beside its table with other cells."""
+    source = EXAMPLES / f"{name}.toml"
+    for other in source.parent.glob("*.*"):
+        (folder / other.name).write_bytes(other.read_bytes())
+    lines = source.read_text(encoding="utf-8").splitlines(keepends=True)
+    path, table = folder / source.name, folder / f"{source.stem}.csv"
+    path.write_text("".join(one for one in lines if not one.startswith(leave_out or "~")), "utf-8")
+    text = table.read_text(encoding="utf-8").splitlines()
+    first = 1 + next(k for k, line in enumerate(text) if not line.startswith("#"))
+    rows = [line.split(",") for line in text[first:]]
+    edit(rows)
+    table.write_text("\n".join([*text[:first], *map(",".join, rows)]) + "\n", encoding="utf-8")
+    return path
+
+
+def cell(row: int, column: int, new: Callable[[str], str]) -> Edit:
+    def edit(rows: Rows) -> None:
+        rows[row][column] = new(rows[row][column])
+
+    return edit
+
+
+def columns(*which: int, new: Callable[[Rows], Rows]) -> Edit:
+    def edit(rows: Rows) -> None:
+        for row, cells in zip(rows, new([[row[k] for k in which] for row in rows]), strict=True):
+            for k, text in zip(which, cells, strict=True):
+                row[k] = text
+
+    return edit
+
+
+def negated(text: str) -> str:
+    return text[1:] if text.startswith("-") else f"-{text}"
+
+
+def tenfold(text: str) -> str:
+    return f"{10 * float(text):.9g}"
+
+
+def degrees_in_rad(rows: Rows) -> Rows:
+    return [[f"{float(one) * 3.14159265 / 180:.5f}" for one in row] for row in rows]
+
+
+def of_run(path: Path) -> tuple[str, tuple[str, ...]]:
+    _, run, inputs, *_ = observed(read(path))
+    return contradicting_rows(inputs.observations, run.sensor, run.bench, inputs.steps)
+
+
+@pytest.mark.parametrize(
+    ("name", "edit", "label", "correction", "leave_out"),
+    [
+        (ARM, cell(46, 3, lambda _: "41"), "", "a rate of 80 rpm", NORMS),
+        (ARM, cell(45, 4, tenfold), "", "decimal point of ax", NORMS),
+        (ARM, cell(46, 5, negated), "", "sign of ay", ()),
+        (ARM, cell(46, 3, lambda _: "8"), "", "a rate of 80 rpm", ("attitude =", *NORMS)),
+        (HEAD, cell(7, 1, lambda _: "30"), "f08", "an angle of 210°", ()),
+        (HEAD, cell(7, 3, negated), "f08", "sign of b", ()),
+        (HEAD, cell(7, 2, lambda text: text.replace("-1", "-6")), "f08", "digit of a", ()),
+        (SHIP, cell(16, 3, negated), "", "sign of ay", ()),
+        (SHIP, cell(16, 1, lambda _: "0"), "", "a rate of", ()),
+    ],
+)
+def test_a_wrong_entry_is_named_with_its_correction(
+    name: str, edit: Edit, label: str, correction: str, leave_out: tuple[str, ...], tmp_path: Path
+):
+    text, labels = of_run(changed(tmp_path, name, edit, leave_out))
+    print(text, labels)
+    assert len(labels) == 1
+    assert label in labels[0]
+    assert correction in text
+
+
+@pytest.mark.parametrize(
+    ("name", "edit", "words"),
+    [
+        (ARM, columns(1, 2, new=lambda rows: [*rows[-1:], *rows[:-1]]), "down by one row"),
+        (ARM, columns(1, 2, new=lambda rows: [*rows[1:], *rows[:1]]), "up by one row"),
+        (ARM, columns(1, 2, new=degrees_in_rad), "attitude_unit"),
+        (ARM, columns(1, 2, new=lambda rows: [row[::-1] for row in rows]), "exchanged"),
+        (TUMBLE, columns(0, new=lambda rows: [*rows[:1], *rows[:-1]]), "down by one row"),
+    ],
+)
+def test_a_mistake_in_a_column_of_angles_is_named(
+    name: str, edit: Edit, words: str, tmp_path: Path
+):
+    text, labels = of_run(changed(tmp_path, name, edit))
+    assert words in text
+    assert not labels
+
+
+@pytest.mark.parametrize(
+    ("name", "leave_out"),
+    [(ARM, ()), (ARM, ("attitude =", *NORMS)), (HEAD, ()), (TUMBLE, ()), (SHIP, ())],
+)
+def test_right_tables_contradict_nothing(name: str, leave_out: tuple[str, ...], tmp_path: Path):
+    assert of_run(changed(tmp_path, name, lambda _: None, leave_out)) == ("", ())
+
+
+def test_readings_that_stop_at_one_value_are_called_clipped(tmp_path: Path):
+    def clip(rows: Rows) -> None:
+        for row in rows:
+            row[4:] = [f"{max(-2.0, min(2.0, float(one))):.7f}" for one in row[4:]]
+
+    text, labels = of_run(changed(tmp_path, ARM, clip, NORMS))
+    assert " 2," in text
+    assert len(labels) > 3
+
+
+def test_a_moved_column_of_mountings_is_named_before_the_fit(tmp_path: Path):
+    moved = columns(0, new=lambda rows: [*rows[:1], *rows[:-1]])
+    with pytest.raises(InputError, match="down by one row"):
+        of_run(changed(tmp_path, SHIP, moved))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "edit", "leave_out"),
+    [
+        (ARM, cell(45, 4, tenfold), NORMS),
+        (HEAD, cell(7, 1, lambda _: "30"), ()),
+        (SHIP, cell(16, 2, negated), ()),
+    ],
+)
+def test_a_failing_fit_names_the_wrong_row(
+    name: str, edit: Edit, leave_out: tuple[str, ...], tmp_path: Path
+):
+    path = changed(tmp_path, name, edit, leave_out)
+    with pytest.raises(InputError) as caught:
+        calibrate(path)
+    assert caught.value.names == of_run(path)[1]
