@@ -22,6 +22,7 @@ from inercal.methods import AddMagnetometers, Fit
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
 from inercal.physics.plan import Hold, Step, Turn, with_second_azimuths
 from inercal.physics.quantities import QUANTITIES
+from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.pipeline import read_out
 from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
@@ -86,10 +87,9 @@ def estimate_of_plan(run: Run, rows: str) -> Estimate:
         raise error.located(run.path) from None
     if not (np.all(estimate.converged) and np.isfinite(estimate.covariance).all()):
         raise InputError(
-            f"{run.path}: estimator {run.estimator} has no result for this plan; check the stated "
-            "noise and [sensor.truth]",
-            file=run.path,
-        )
+            f"estimator {run.estimator} has no result for this plan; check the stated noise and "
+            "[sensor.truth]"
+        ).located(run.path)
     return estimate
 
 
@@ -177,12 +177,8 @@ def rehearse_plan(
             key="[method] name",
         )
     if run.rate_hz is None:
-        raise InputError(
-            f'{run.path}: [data] rate is missing; add it for the simulation, such as rate = "100 '
-            'Hz"',
-            file=run.path,
-            key="[data] rate",
-        )
+        reason = 'is missing; add it for the simulation, such as rate = "100 Hz"'
+        raise key_error("[data] rate", reason, run.path)
     return _rehearsed(run, sessions, executor)
 
 
@@ -220,9 +216,7 @@ def _rehearsed(run: Run, sessions: int, executor: Executor | None) -> RehearsalR
     for axis in sensor.axes:
         if not axis.noise.white:
             key = f"[sensor.{QUANTITIES[axis.measures].sensor}] white"
-            raise InputError(
-                f"{run.path}: {key} is missing; add it for the simulation", file=run.path, key=key
-            )
+            raise key_error(key, "is missing; add it for the simulation", run.path)
     rehearsal = _Rehearsal(
         run.kind.simulate, run.bench, steps, run.kind.steps, run.sensor, run.priors,
         run.method.estimator(run.estimator), run.rate_hz, run.magnetometer,

@@ -16,6 +16,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_count
 from inercal.physics.section_settings import measured_constant
+from inercal.pipeline.drafts import rate_tables
 from inercal.pipeline.drafts.clock_keys import clock_keys, suggest_rate
 from inercal.pipeline.drafts.column_names import is_reversed
 from inercal.pipeline.drafts.column_roles import (
@@ -63,12 +64,6 @@ from inercal.pipeline.drafts.method_trials import (
     try_methods,
 )
 from inercal.pipeline.drafts.quiet_sections import QuietMeans
-from inercal.pipeline.drafts.rate_tables import (
-    gyro_deviation_keys,
-    gyro_readout,
-    rate_bench_keys,
-    with_rate_table,
-)
 from inercal.pipeline.drafts.readouts import guess_accelerometer
 from inercal.pipeline.drafts.stated_keys import default_bench_keys, stated_units, stated_values
 from inercal.recordings.io.column_table import Table
@@ -174,11 +169,10 @@ def require_answers(draft: Draft) -> None:
     asked = "; ".join(f"{one.dotted}: {one.question}" for one in draft.questions)
     typical = ", or take typical values with --yes" * all(one.typical for one in draft.questions)
     raise InputError(
-        f"{log}: only you know {asked} (state it with --set, as an argument in Python{typical})",
-        file=log,
+        f"only you know {asked} (state it with --set, as an argument in Python{typical})",
         key=draft.questions[0].name,
         names=tuple(one.dotted for one in draft.questions),
-    )
+    ).located(log)
 
 
 def draft_run_file(
@@ -214,7 +208,7 @@ def draft_run_file(
     roles = replace(read.roles, units={**read.roles.units, **stated_units(values)})
     if "data.arm_rate_unit" in values:
         roles = replace(roles, units={**roles.units, "arm_rate": values["data.arm_rate_unit"]})
-    roles = with_rate_table(table, roles)
+    roles = rate_tables.with_rate_table(table, roles)
     name, logs = recording_name(logs), read.files
 
     def draft(roles: ColumnRoles, *, field: bool = False) -> Draft:
@@ -303,7 +297,7 @@ def _draft(
         roles = roles.because({"arm_rate_unit": reason}, units={**roles.units, "arm_rate": unit})
     with error_location(logs[0]):
         if at_rates:
-            readouts = {"gyro": gyro_readout(table, roles)}
+            readouts = {"gyro": rate_tables.gyro_readout(table, roles)}
             if "accelerometer" in readings:
                 own = readings["accelerometer"]
                 readouts["accelerometer"] = guess_accelerometer(
@@ -322,7 +316,7 @@ def _draft(
             for entry in (*readout_keys(kind, readout), *noise.get(kind, ()))
         ),
         *(
-            rate_bench_keys(roles)
+            rate_tables.rate_bench_keys(roles)
             if at_rates or roles.rates
             else bench_keys(bench, candidates[0][1], radius)
         ),
@@ -334,7 +328,7 @@ def _draft(
         ),
         *signs,
         *suggest_rate(clock, readouts.get("gyro")),
-        *(gyro_deviation_keys(table, roles, readouts["gyro"]) if at_rates else ()),
+        *(rate_tables.gyro_deviation_keys(table, roles, readouts["gyro"]) if at_rates else ()),
         *((deviation_key(start_deviation(roles), GUESS),) if guessed else ()),
     )
     entries = _with_stated(entries, _named_columns(values, roles))
@@ -367,11 +361,10 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
         return candidate_methods(roles)
     if roles.triads.get("accelerometer") == ():
         raise InputError(
-            f"{log}: data.accelerometer is empty, but no method that init can draft works without "
+            "data.accelerometer is empty, but no method that init can draft works without "
             "accelerometers: name their columns, or leave the key out",
-            file=log,
             key="data.accelerometer",
-        )
+        ).located(log)
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
     require_no_cluster(log, table, roles)
@@ -383,10 +376,9 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
     if not candidates:
         count = format_count(len(roles.triads["accelerometer"]), "accelerometer column")
         raise InputError(
-            f"{log}: init drafts no run file for {count} together with these other columns: "
-            f"{', '.join(roles.single) or 'none'}; {BY_HAND}",
-            file=log,
-        )
+            f"init drafts no run file for {count} together with these other columns: "
+            f"{', '.join(roles.single) or 'none'}; {BY_HAND}"
+        ).located(log)
     return candidates
 
 

@@ -311,13 +311,12 @@ def unknown_accelerometers(log: Path, table: Table, roles: ColumnRoles) -> Unkno
     numbers = tuple(n for n in table.names if n not in taken and table.columns[n].dtype.kind != "U")
     if len(numbers) < len("xyz"):
         raise InputError(
-            f"{log}: init drafts run files for recordings with three accelerometers, for tables of "
-            "means from a rate table, with an axis, a rate and the readings of one gyro or more, "
-            "and for tables from a dividing head, with an angle and a reading. This file has the "
+            "init drafts run files for recordings with three accelerometers, for tables of means "
+            "from a rate table, with an axis, a rate and the readings of one gyro or more, and "
+            "for tables from a dividing head, with an angle and a reading. This file has the "
             f"columns {', '.join(map(shorten, table.names[:_MOST_LISTED]))}; {BY_HAND}",
-            file=log,
             names=table.names,
-        )
+        ).located(log)
     used = {*roles.single.values(), *(c for triad in roles.triads.values() for c in triad)}
     free = [name for name in numbers if name not in used]
     example = free if len(free) >= 3 else list(numbers)
@@ -357,13 +356,12 @@ def require_no_cluster(log: Path, table: Table, roles: ColumnRoles) -> None:
             left = read - design @ np.linalg.lstsq(design, read)[0]
             if left.std() < _COMBINED * read.std():
                 raise InputError(
-                    f"{log}: {', '.join(triad)} and {name} look like one cluster of axes in other "
+                    f"{', '.join(triad)} and {name} look like one cluster of axes in other "
                     f"directions than x, y and z; {BY_HAND}, or state the columns of a triad, as "
                     f"in --set data.{kind}='{dumps(list(triad), ensure_ascii=False)}'",
-                    file=log,
                     key=f"data.{kind}",
                     names=(*triad, name),
-                )
+                ).located(log)
 
 
 def _names_sections(table: Table, name: str, force: Array | None) -> bool:

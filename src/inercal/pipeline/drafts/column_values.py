@@ -359,14 +359,13 @@ def require_finite_rows(log: Path, table: Table, names: Sequence[str]) -> None:
     first = int(np.argmax(rows))
     name = next(name for name, bad in found if bad[first])
     raise InputError(
-        f"{log}: {format_count(count, 'row')} with a number that is missing, not finite or too "
-        f"large; the first is {name} at "
-        f"{table.place(first)}: remove them, or state --set data.nonfinite=drop",
-        file=log,
+        f"{format_count(count, 'row')} with a number that is missing, not finite or too large; "
+        f"the first is {name} at {table.place(first)}: remove them, or state --set "
+        "data.nonfinite=drop",
         key="data.nonfinite",
         names=(name,),
         line=table.line(first),
-    )
+    ).located(log)
 
 
 def _bad_rows(table: Table, names: Iterable[str]) -> Iterable[tuple[str, NDArray[np.bool_]]]:
