@@ -68,16 +68,11 @@ def term_kind(measures: Measures, term: ErrorTerm) -> TermKind:
     return "g" if measures == "w" and used <= {"fi", "fp", "fo"} else "polynomial"
 
 
-def temperature_order(term: ErrorTerm) -> int:
-    """Return the power of temperature in a term of kind "bias_temperature"."""
-    return term.basis.degree("dT")
-
-
 def kinds_of(sensor: Sensor) -> tuple[tuple[Measures, TermKind, int], ...]:
     """Return the quantity, kind and power of temperature for each coefficient."""
-    found: list[tuple[Measures, TermKind, int]] = []
-    for full in sensor.coefficients:
-        term = sensor.coefficient(full)
-        sort = sensor.measures[CoefficientName(full).axis]
-        found.append((sort, term_kind(sort, term), temperature_order(term)))
-    return tuple(found)
+    sorts = [sensor.measures[CoefficientName(full).axis] for full in sensor.coefficients]
+    terms = [sensor.coefficient(full) for full in sensor.coefficients]
+    return tuple(
+        (sort, term_kind(sort, term), term.basis.degree("dT"))
+        for sort, term in zip(sorts, terms, strict=True)
+    )

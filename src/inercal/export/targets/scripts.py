@@ -116,14 +116,14 @@ def _render_matlab(request: Request) -> Rendering:
 
     remarks = [f"the name of this file must be {request.name}_correct.m"]
     complete = len(code.model.zero) == len(code.model.gain)
-    if complete and not code.passes and code.model.accelerometer is not None:
+    if complete and not code.passes and code.model.triad("f") is not None:
         bias = -(code.model.zero[:3] @ code.model.gain[:3, :3].T)
         remarks.append(
             "for U*A + b of accelcal (Navigation Toolbox), accelerometers: A = C(1:3,1:3)', b = ["
             + ", ".join(map(number, bias))
             + "]"
         )
-    field = code.model.magnetometer
+    field = code.model.triad("m")
     if complete and not code.passes and field is not None:
         rows = f"{len(code.model.gain) - 2}:{len(code.model.gain)}"
         offset = code.model.zero[-3:]

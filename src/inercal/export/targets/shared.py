@@ -9,7 +9,8 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.export.model import ExportModel, Triad
-from inercal.export.target_definition import StatedTriad, TargetOption
+from inercal.export.reader_definition import StatedTriad
+from inercal.export.target_definition import TargetOption
 from inercal.export.term_kinds import TermKind
 from inercal.physics import frames
 
@@ -50,11 +51,6 @@ def yaml_number(value: float, digits: int = 9) -> str:
 def yaml_row(values: Sequence[float] | Array, digits: int = 9) -> str:
     """Return numbers in YAML format, separated by commas."""
     return ", ".join(yaml_number(x, digits) for x in values)
-
-
-def row_text(values: Sequence[float] | Array, digits: int = 9) -> str:
-    """Return numbers as text, separated by commas."""
-    return ", ".join(number(x, digits) for x in values)
 
 
 def written(values: Array, digits: int = 9) -> Array:
@@ -98,6 +94,13 @@ def comments(lines: Sequence[str], mark: str) -> str:
 def with_comments(body: str) -> Callable[[Sequence[str]], str]:
     """Return a function that writes a file body below an explanation in # comment lines."""
     return lambda header: comments(header, "#") + body
+
+
+def json_with_comment(content: Mapping[str, Any], indent: int) -> Callable[[Sequence[str]], str]:
+    """Return a function that writes a JSON object with the explanation as its first key."""
+    return lambda header: (
+        json.dumps({"comment": "\n".join(header), **content}, indent=indent) + "\n"
+    )
 
 
 def needed(
