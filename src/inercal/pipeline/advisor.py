@@ -155,11 +155,10 @@ class RunAdvisor:
         return fitted
 
     def _is_readable(self, changes: tuple[Change, ...]) -> bool:
-        try:
+        with suppress(InercalError):
             changed_run(self._run, changes)
-        except InercalError:
-            return False
-        return True
+            return True
+        return False
 
     def _undetermined(self, names: tuple[str, ...]) -> tuple[str, ...] | None:
         """Return what a run with more coefficients does not determine, if known; else None.

@@ -105,7 +105,7 @@ BASALT = Target(
     "basalt",
     "Basalt calibration file, keys of the IMU",
     ".json",
-    {"f": shared.MATRIX, "w": shared.MATRIX},
+    shared.MATRICES,
     _render_basalt,
     NOISE_OPTIONS,
 )
@@ -166,7 +166,7 @@ REALSENSE = Target(
     "realsense",
     "RealSense calibration.json of the IMU",
     ".json",
-    {"f": shared.MATRIX, "w": shared.MATRIX},
+    shared.MATRICES,
     _render_realsense,
     (_DEVICE,),
 )

@@ -14,8 +14,11 @@ from inercal.export.target_definition import TargetOption
 from inercal.export.term_kinds import TermKind
 from inercal.physics import frames
 
-MATRIX: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment"})
+BIAS: frozenset[TermKind] = frozenset({"bias"})
+BIAS_AND_SCALE: frozenset[TermKind] = frozenset({*BIAS, "scale"})
+MATRIX: frozenset[TermKind] = frozenset({*BIAS_AND_SCALE, "misalignment"})
 MATRIX_AND_G: frozenset[TermKind] = frozenset({*MATRIX, "g"})
+MATRICES = {"f": MATRIX, "w": MATRIX}
 # Flight controllers support these terms: no cross-axis terms, and no gyro scale factors.
 PARAMETERS: dict[str, frozenset[TermKind]] = {
     "f": frozenset({"bias", "scale", "bias_temperature"}),

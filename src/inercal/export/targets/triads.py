@@ -104,7 +104,7 @@ def _read_imu_tk(text: str, options: Mapping[str, Any]) -> StatedCalibration:
 
 
 IMU_TK = Target("imu_tk", "imu_tk .calib of one triad", ".calib",
-                {"f": shared.MATRIX, "w": shared.MATRIX}, _render_imu_tk, _TK_OPTIONS)  # fmt: skip
+                shared.MATRICES, _render_imu_tk, _TK_OPTIONS)  # fmt: skip
 IMU_TK_READER = CalibrationReader("imu_tk", "imu_tk .calib", _read_imu_tk, _TK_OPTIONS)
 
 

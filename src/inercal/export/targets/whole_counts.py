@@ -255,26 +255,12 @@ def _read_inav(text: str, options: Mapping[str, Any]) -> StatedCalibration:
 
 _BETAFLIGHT_OPTIONS = (_COUNTS["f"], _COUNTS["m"])
 _INAV_OPTIONS = tuple(_COUNTS.values())
+_ZEROS = {"f": shared.BIAS, "m": shared.BIAS}
+_GAINS = {"f": shared.BIAS_AND_SCALE, "w": shared.BIAS, "m": shared.BIAS_AND_SCALE}
 BETAFLIGHT = Target(
-    "betaflight",
-    "Betaflight CLI commands",
-    ".txt",
-    {"f": frozenset({"bias"}), "m": frozenset({"bias"})},
-    _render_betaflight,
-    _BETAFLIGHT_OPTIONS,
+    "betaflight", "Betaflight CLI commands", ".txt", _ZEROS, _render_betaflight, _BETAFLIGHT_OPTIONS
 )
-INAV = Target(
-    "inav",
-    "INAV CLI commands",
-    ".txt",
-    {
-        "f": frozenset({"bias", "scale"}),
-        "w": frozenset({"bias"}),
-        "m": frozenset({"bias", "scale"}),
-    },
-    _render_inav,
-    (*_INAV_OPTIONS, _GRAVITY),
-)
+INAV = Target("inav", "INAV CLI commands", ".txt", _GAINS, _render_inav, (*_INAV_OPTIONS, _GRAVITY))
 BETAFLIGHT_READER = CalibrationReader(
     "betaflight", "Betaflight CLI output", _read_betaflight, _BETAFLIGHT_OPTIONS
 )

@@ -42,26 +42,27 @@ from inercal.pipeline.drafts.draft_sections import (
     arm_rate_unit,
     bench_keys,
     data_keys,
-    deviation_key,
     facts,
     find_rest_means,
     guess_readouts,
     noise_keys,
     readout_keys,
-    start_deviation,
     unused_columns,
 )
 from inercal.pipeline.drafts.file_parts import recording_name
-from inercal.pipeline.drafts.log_files import read_logs
+from inercal.pipeline.drafts.log_files import LogFiles, read_logs
 from inercal.pipeline.drafts.magnetometer_keys import NO_FIELD, magnetometer_keys
-from inercal.pipeline.drafts.mean_scatter import GUESS, with_scatter
 from inercal.pipeline.drafts.method_trials import (
+    GUESS,
     RAMP,
     Candidate,
     MethodTrial,
     candidate_methods,
+    deviation_key,
     rests_in_ramp,
+    start_deviation,
     try_methods,
+    with_scatter,
 )
 from inercal.pipeline.drafts.quiet_sections import QuietMeans
 from inercal.pipeline.drafts.readouts import guess_accelerometer
@@ -204,18 +205,15 @@ def draft_run_file(
     stated = dict(stated or {})
     values = stated_values(stated)
     read = read_logs(logs, values)
-    table, gyros = read.table, read.gyros
     roles = replace(read.roles, units={**read.roles.units, **stated_units(values)})
     if "data.arm_rate_unit" in values:
         roles = replace(roles, units={**roles.units, "arm_rate": values["data.arm_rate_unit"]})
-    roles = rate_tables.with_rate_table(table, roles)
+    roles = rate_tables.with_rate_table(read.table, roles)
     name, logs = recording_name(logs), read.files
 
     def draft(roles: ColumnRoles, *, field: bool = False) -> Draft:
-        columns = table, gyros, roles
-        return _draft(
-            logs, path, stated, values, columns, read.signs, name, typical=typical, field=field
-        )
+        found = replace(read, roles=roles)
+        return _draft(found, path, stated, values, name, typical=typical, field=field)
 
     found = draft(roles)
     labelled = "label" in roles.single and "data.label" not in stated and not roles.means
@@ -255,19 +253,17 @@ def draft_run_file(
 
 
 def _draft(
-    logs: Sequence[Path],
+    read: LogFiles,
     path: Path,
     stated: Mapping[str, str],
     values: Mapping[str, Any],
-    columns: tuple[Table, Table | None, ColumnRoles],
-    signs: tuple[DraftKey, ...],
     name: str,
     *,
     typical: bool,
     field: bool,
 ) -> Draft:
     """Draft all sections but [method], and try the methods."""
-    table, gyros, roles = columns
+    logs, table, gyros, roles = read.files, read.table, read.gyros, read.roles
     values = dict(values)
     candidates = _candidates(logs[0], table, roles)
     if (stated_name := values.pop("method.name", None)) is not None:
@@ -299,10 +295,8 @@ def _draft(
         if at_rates:
             readouts = {"gyro": rate_tables.gyro_readout(table, roles)}
             if "accelerometer" in readings:
-                own = readings["accelerometer"]
-                readouts["accelerometer"] = guess_accelerometer(
-                    own, roles.units.get("accelerometer")
-                )
+                unit = roles.units.get("accelerometer")
+                readouts["accelerometer"] = guess_accelerometer(readings["accelerometer"], unit)
         else:
             readouts, radius = guess_readouts(table, readings, roles, rests, turns, time, radius)
     guessed = roles.means and "accelerometer" in readings
@@ -326,7 +320,7 @@ def _draft(
             if field or candidates[0][1] in _WITH_FIELD
             else ()
         ),
-        *signs,
+        *read.signs,
         *suggest_rate(clock, readouts.get("gyro")),
         *(rate_tables.gyro_deviation_keys(table, roles, readouts["gyro"]) if at_rates else ()),
         *((deviation_key(start_deviation(roles), GUESS),) if guessed else ()),
@@ -342,7 +336,7 @@ def _draft(
     why_unused = [roles.reasons[key] for key in _LEFT_OUT if key in roles.reasons]
     unused = unused_columns(table, entries)
     seen = (*seen, *unused, *why_unused)
-    return Draft(tuple(logs), path, entries, trials, seen, unused, roles, rests, time, readings)
+    return Draft(logs, path, entries, trials, seen, unused, roles, rests, time, readings)
 
 
 def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, str]) -> None:

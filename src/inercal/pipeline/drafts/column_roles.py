@@ -187,12 +187,10 @@ def recognise_columns(
     means = means and (not has_even_steps(table, clock) or counts_rows(table, str(clock)))
     if means and clock in texts:
         del single["time"]  # the date of a mean has no role
-    if means and "accelerometer" not in triads and not single.keys() & _MOVED_BY_BENCH:
-        own = [n for n in free if role_of_name(n) is None and not is_other_quantity(n)]
-        own = [n for n in own if not counts_rows(table, n)]
-        if len(own) == len("xyz") and table.rows >= _FEWEST_POSES:
-            triads["accelerometer"] = in_axis_order(own)
-            reasons["accelerometer"] = "the three remaining columns"
+    by_hand = means and "accelerometer" not in triads and not single.keys() & _MOVED_BY_BENCH
+    if by_hand and len(left) == len("xyz") and table.rows >= _FEWEST_POSES:
+        triads["accelerometer"] = in_axis_order(left)
+        reasons["accelerometer"] = "the three remaining columns"
     for kind, columns in triads.items():
         if table.header and columns and (unit := column_unit(columns[0])) is not None:
             units.setdefault(kind, unit)

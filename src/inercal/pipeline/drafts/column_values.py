@@ -223,10 +223,6 @@ def aligned_triads(
     found = [(columns, _varies_between_rests(table, columns)) for columns in triples]
     if not any(varies for _, varies in found):
         return _still_triads(table, triples, reasons)
-    if len(found) == 1:
-        kind = "accelerometer" if found[0][1] else "gyro"
-        reasons[kind] = value_reason(kind)
-        return {kind: found[0][0]}
     triads: dict[str, tuple[str, ...]] = {}
     for kind, wanted in (("accelerometer", True), ("gyro", False)):
         match = [columns for columns, varies in found if varies == wanted]
