@@ -70,9 +70,8 @@ def term_kind(measures: Measures, term: ErrorTerm) -> TermKind:
 
 def kinds_of(sensor: Sensor) -> tuple[tuple[Measures, TermKind, int], ...]:
     """Return the quantity, kind and power of temperature for each coefficient."""
-    sorts = [sensor.measures[CoefficientName(full).axis] for full in sensor.coefficients]
-    terms = [sensor.coefficient(full) for full in sensor.coefficients]
-    return tuple(
-        (sort, term_kind(sort, term), term.basis.degree("dT"))
-        for sort, term in zip(sorts, terms, strict=True)
-    )
+    found: list[tuple[Measures, TermKind, int]] = []
+    for full in sensor.coefficients:
+        sort, term = sensor.measures[CoefficientName(full).axis], sensor.coefficient(full)
+        found.append((sort, term_kind(sort, term), term.basis.degree("dT")))
+    return tuple(found)

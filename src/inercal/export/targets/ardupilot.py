@@ -85,7 +85,7 @@ def _render(request: Request) -> Rendering:
     shared.require_aligned(model, "ardupilot")
     imu = options["imu"]
     reference = model.sensor.reference_temperature - ZERO_CELSIUS
-    inertial = [(kind, triad) for kind, triad in model.triads if kind != "m"]
+    inertial = [one for one in model.triads if one[0] != "m"]
     thermal = any(triad.bias_powers.any() for _, triad in inertial)
     limits, taken = (-np.inf, np.inf), reference
     lines: list[tuple[str, float]] = []

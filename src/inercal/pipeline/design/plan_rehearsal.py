@@ -26,14 +26,9 @@ from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.pipeline import read_out
 from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
-from inercal.recordings import Mark, Observations, Recording
+from inercal.recordings import Mark, Observations, Recording, segments
 from inercal.recordings.data.recording_loader import stated_deviations
 from inercal.recordings.magnetic import MagneticReadings
-from inercal.recordings.segments import (
-    average_sections,
-    marks_from_labels,
-    transitions_between_rests,
-)
 from inercal.recordings.segments.magnetic_means import average_magnetometers, average_pieces
 from inercal.runfile import Run
 
@@ -257,9 +252,9 @@ class _Rehearsal:
         recording = self._recording(np.random.default_rng(seed))
         holds = tuple(step for step in self.steps if isinstance(step, Hold))
         marks = _trimmed_marks(recording)
-        seen = average_sections(recording, self.sensor, marks, holds, by_hand=self.free)
+        seen = segments.average_sections(recording, self.sensor, marks, holds, by_hand=self.free)
         if self.free and self.sensor.select_axes("w").axes:
-            turns = transitions_between_rests(recording, self.sensor, marks)
+            turns = segments.transitions_between_rests(recording, self.sensor, marks)
             seen = replace(seen, transitions=turns)
         estimate = self.estimator(seen, self.sensor, self.bench, self.steps, self.priors)
         count = len(self.sensor.coefficients)
@@ -298,5 +293,5 @@ def _trimmed_marks(recording: Recording) -> tuple[Mark, ...]:
     trim = round(_SETTLING * recording.rate_hz)
     return tuple(
         replace(mark, start=mark.start + trim, stop=mark.stop - trim)
-        for mark in marks_from_labels(recording)
+        for mark in segments.marks_from_labels(recording)
     )
