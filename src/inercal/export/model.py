@@ -255,11 +255,9 @@ def completed_triads(calibration: Calibration) -> Calibration:
         ideal = axes_along("xyz", kind, UNMEASURED + kind, own[0].readout, own[0].noise)
         along = dict(zip(letters, own, strict=True))
         axes += [along.get(letter, one) for letter, one in zip("xyz", ideal, strict=True)]
-    return (
-        calibration
-        if len(axes) == len(sensor.axes)
-        else replace(calibration, sensor=replace(sensor, axes=tuple(axes)))
-    )
+    if len(axes) == len(sensor.axes):
+        return calibration
+    return replace(calibration, sensor=replace(sensor, axes=tuple(axes)))
 
 
 def _turned_rows(

@@ -332,12 +332,8 @@ class RunAdvisor:
 
     def _unit(self, full: str) -> str:
         scores = self._estimate.score_tests.scores
-        return next(
-            unit
-            for score in scores
-            for name, unit in zip(score.components, score.units, strict=True)
-            if name == full
-        )
+        pairs = (pair for s in scores for pair in zip(s.components, s.units, strict=True))
+        return next(unit for name, unit in pairs if name == full)
 
 
 def wald_statistic(estimate: Estimate, names: Sequence[str]) -> float:

@@ -126,9 +126,7 @@ def _temperatures_beyond(
         return ()
     assert calibration.validity is not None
     assert calibration.validity.temperature is not None
-    ends = " to ".join(
-        f"{kelvin - ZERO_CELSIUS:.2f}" for kelvin in calibration.validity.temperature
-    )
+    ends = " to ".join(f"{t - ZERO_CELSIUS:.2f}" for t in calibration.validity.temperature)
     beyond = recording.temperature[outside] - ZERO_CELSIUS
     text = (
         f"{int(outside.sum())} samples at {beyond.min():.2f} to {beyond.max():.2f} °C are outside "

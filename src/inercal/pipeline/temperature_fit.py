@@ -348,9 +348,7 @@ def _row_rates(inputs: EstimatorInput) -> Array | None:
 
 def _require_temperatures(run: Run, observations: Observations) -> None:
     """Raise an error if temperatures are missing, constant, or span less than `LEAST_SPAN`."""
-    kelvin = (
-        observations.temperature if observations.track is None else observations.track.temperature
-    )
+    kelvin = (observations.track or observations).temperature
     names = ", ".join(n for n in run.whole_sensor.coefficients if "_dT" in n)
     if kelvin is None:
         raise key_error(

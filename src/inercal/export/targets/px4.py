@@ -179,12 +179,8 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             raise InputError(f"{stem}XSCALE … ZSCALE contain a 0, but they must be near 1")
         powers = np.zeros((0, 3))
         if (thermal := _thermal_set(known, letter, known.get(f"{stem}ID"))) is not None:
-            table = np.array(
-                [
-                    [known.value(f"{thermal}X{k}_{a}", 0.0) for a in range(3)]
-                    for k in range(_ORDERS + 1)
-                ]
-            )
+            names = [[f"{thermal}X{k}_{a}" for a in range(3)] for k in range(_ORDERS + 1)]
+            table = np.array([[known.value(name, 0.0) for name in row] for row in names])
             bias, powers = bias + table[0], table[1:]
             references.add(known.value(f"{thermal}TREF", 25.0) + ZERO_CELSIUS)
         triads[kind] = StatedTriad(

@@ -106,11 +106,8 @@ def _render_matlab(request: Request) -> Rendering:
             lines.append(f"    for pass = 1:{code.passes}")
             lines += [f"        {name} = {expression};" for name, expression in variables.items()]
             lines.append("        extra = zeros(size(reading));")
-            lines += [
-                f"        extra(:, {k}) = {text};"
-                for k, text in enumerate(channels, start=1)
-                if text
-            ]
+            numbered = enumerate(channels, start=1)
+            lines += [f"        extra(:, {k}) = {text};" for k, text in numbered if text]
             lines += ["        motion = (reading - offset - extra) * C';", "    end"]
         return "\n".join([*lines, "end"]) + "\n"
 

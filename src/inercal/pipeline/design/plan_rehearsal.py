@@ -291,7 +291,5 @@ class _Rehearsal:
 def _trimmed_marks(recording: Recording) -> tuple[Mark, ...]:
     # The hand is not steady just after it arrives and just before it leaves.
     trim = round(_SETTLING * recording.rate_hz)
-    return tuple(
-        replace(mark, start=mark.start + trim, stop=mark.stop - trim)
-        for mark in segments.marks_from_labels(recording)
-    )
+    marks = segments.marks_from_labels(recording)
+    return tuple(replace(m, start=m.start + trim, stop=m.stop - trim) for m in marks)

@@ -129,11 +129,8 @@ class Draft:
     @property
     def assumptions(self) -> tuple[str, ...]:
         """A line for each typical value that stands for an answer of the user."""
-        return tuple(
-            f"assumed: {one.name} = {one.value} ({one.reason})"
-            for one in self.entries
-            if one.assumed
-        )
+        assumed = (one for one in self.entries if one.assumed)
+        return tuple(f"assumed: {one.name} = {one.value} ({one.reason})" for one in assumed)
 
     @property
     def method(self) -> MethodTrial | None:

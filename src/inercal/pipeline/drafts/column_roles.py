@@ -259,14 +259,8 @@ def _judge_unknown(
     if "time" not in single and (clock := clock_by_values(table, free)) is not None:
         single["time"], reasons["time"] = clock, "it increases in equal steps"
     whole = columns_of_numbers(table)
-    free = [
-        n
-        for n in free
-        if n in whole
-        and n != single.get("time")
-        and not is_other_quantity(n)
-        and not never_falls(table, n)
-    ]
+    free = [n for n in free if n in whole and n != single.get("time")]
+    free = [n for n in free if not is_other_quantity(n) and not never_falls(table, n)]
     if "accelerometer" not in triads:
         found = accelerometers_by_values(table, free)
         if found is None:

@@ -253,11 +253,10 @@ def _still_triads(
 
 def value_reason(kind: str) -> str:
     """Return the reason by which a triad is recognised."""
-    return (
-        "their readings at rest change with the attitude"
-        if kind == "accelerometer"
-        else "their readings at rest are the same in all attitudes"
+    what = (
+        "change with the attitude" if kind == "accelerometer" else "are the same in all attitudes"
     )
+    return f"their readings at rest {what}"
 
 
 def _quiet(data: Array) -> Indices:

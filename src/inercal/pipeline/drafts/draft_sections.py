@@ -65,11 +65,8 @@ def arm_rate_unit(
     rate = table.numbers(name)
     spread = {unit: norm_spread(force, rate * si_factor(unit, "rad/s"), radius) for unit in RATES}
     best = min(spread, key=lambda unit: spread[unit])
-    return (
-        (best, "by the norms of the readings")
-        if spread[best] < _CLEAR * spread["rpm"]
-        else ("rpm", "")
-    )
+    clear = spread[best] < _CLEAR * spread["rpm"]
+    return (best, "by the norms of the readings") if clear else ("rpm", "")
 
 
 def norm_spread(force: Array, rate: Array, radius: float) -> float:
