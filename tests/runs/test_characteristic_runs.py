@@ -23,7 +23,7 @@ from inercal.methods.rates_and_poses import plan as rate_plan
 from inercal.methods.tumble import plan as tumble_plan
 from inercal.physics.plan import small_loop
 from inercal.pipeline import calibrate, simulate_files
-from inercal.pipeline.design.worksheet import estimate_of_plan
+from inercal.pipeline.design.plan_rehearsal import estimate_of_plan
 from inercal.recordings.io.write import write_recordings
 from inercal.report import write_report
 from inercal.runfile import read

@@ -127,17 +127,13 @@ class NotInvertible(InercalError):
 
 @contextmanager
 def error_location(
-    where: str | Path,
-    *,
-    file: str | Path | None = None,
-    line: int | None = None,
-    key: str | None = None,
+    where: str | Path, *, file: str | Path | None = None, key: str | None = None
 ) -> Generator[None]:
     """Add a location to an `InputError` that the block raises; see `InercalError.located`."""
     try:
         yield
     except InputError as error:
-        raise error.located(where, file=file, line=line, key=key) from None
+        raise error.located(where, file=file, key=key) from None
 
 
 def require_installed(extra: str, what: str, packages: tuple[str, ...]) -> None:

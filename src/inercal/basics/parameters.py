@@ -113,6 +113,14 @@ class QualifiedParameters:
         """Return the value of a parameter, or 0 if it is not qualified."""
         return self.value[self.names.index(name)] if name in self.names else 0.0
 
+    def acting(self, declared: Mapping[str, Parameter]) -> list[str]:
+        """Return the names of run parameters that have an effect and are not exact."""
+        return [
+            name
+            for name in self.names
+            if name in declared and declared[name].scope == "run" and declared[name].sd > 0
+        ]
+
     def joint_covariance(self, parameters: Sequence[Parameter]) -> Array:
         """Return the prior covariance of k bench parameters, (k, k), with `sd`² as variances."""
         result = np.diag([one.sd**2 for one in parameters])
@@ -137,11 +145,7 @@ class QualifiedParameters:
         """
         draws = {name: rng.standard_normal(trials) for name in declared}
         drawn = {name: one.value + one.sd * draws[name] for name, one in declared.items()}
-        joint = [
-            name
-            for name in self.names
-            if name in declared and declared[name].sd > 0 and declared[name].scope == "run"
-        ]
+        joint = self.acting(declared)
         covariance = self.joint_covariance([declared[name] for name in joint])
         if np.any(covariance - np.diag(np.diagonal(covariance))):
             errors = np.linalg.cholesky(covariance) @ np.stack([draws[name] for name in joint])

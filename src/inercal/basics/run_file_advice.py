@@ -41,12 +41,8 @@ class Advice:
     @property
     def coefficients(self) -> tuple[str, ...]:
         """The words to add to the key `also` in [method]."""
-        return tuple(
-            word
-            for one in self.changes
-            if (one.section, one.key) == ("method", "also")
-            for word in one.value
-        )
+        added = (one.value for one in self.changes if (one.section, one.key) == ("method", "also"))
+        return tuple(word for words in added for word in words)
 
 
 def with_changes(sections: Mapping[str, Any], changes: tuple[Change, ...]) -> dict[str, Any]:

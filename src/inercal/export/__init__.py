@@ -176,14 +176,8 @@ def export_calibration(
             )
         readings = model.sensor.forward(samples.motion, model.calibration.values)
         model = export_model(calibration, axes, refit=(samples.motion, readings))
-    request = Request(
-        model,
-        ranges,
-        resolved,
-        identifier(name or calibration.sensor.name),
-        samples.readings[-1:],
-        samples.dT[-1:],
-    )
+    named = identifier(name or calibration.sensor.name)
+    request = Request(model, ranges, resolved, named, samples.readings[-1:], samples.dT[-1:])
     rendering = target.render(request)
     if rendering.possible is not None:
         samples = possible_samples(model, samples, rendering.possible)

@@ -106,11 +106,8 @@ def header_lines(
         lines.append("the calibration states no uncertainties")
     lines += rendering.remarks
     lines.append(_check_text(model, rendering, samples))
-    return tuple(
-        part
-        for line in lines
-        for part in textwrap.wrap(plain_text(line), _WIDTH, subsequent_indent="  ")
-    )
+    wrapped = (textwrap.wrap(plain_text(line), _WIDTH, subsequent_indent="  ") for line in lines)
+    return tuple(part for parts in wrapped for part in parts)
 
 
 def _source_lines(calibration: Calibration, source: str) -> list[str]:

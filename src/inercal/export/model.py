@@ -103,20 +103,9 @@ class ExportModel:
         """The sensor of the calibration."""
         return self.calibration.sensor
 
-    @property
-    def accelerometer(self) -> Triad | None:
-        """The triad of accelerometers."""
-        return dict(self.triads).get("f")
-
-    @property
-    def gyro(self) -> Triad | None:
-        """The triad of gyros."""
-        return dict(self.triads).get("w")
-
-    @property
-    def magnetometer(self) -> Triad | None:
-        """The triad of magnetometers."""
-        return dict(self.triads).get("m")
+    def triad(self, kind: Measures) -> Triad | None:
+        """Return the triad of one kind of axes, if the sensor has it."""
+        return dict(self.triads).get(kind)
 
     @cached_property
     def matrix(self) -> Array:
@@ -124,7 +113,7 @@ class ExportModel:
         matrix = np.zeros((3 * len(self.triads), 3 * len(self.triads)))
         for k, (_, triad) in enumerate(self.triads):
             matrix[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = triad.matrix
-        if self.accelerometer is not None and self.gyro is not None:
+        if {"f", "w"} <= dict(self.triads).keys():
             matrix[3:6, :3] = self.g_sensitivity
         return matrix
 
@@ -174,14 +163,13 @@ class ExportModel:
         InputError
             The sensor has no such triad.
         """
-        for have, triad in self.triads:
-            if have == kind:
-                return triad
-        raise InputError(
-            f"{target} is for {QUANTITIES[kind].sensors}, but sensor {self.sensor.name} has "
-            "none; choose another target",
-            names=self.sensor.channels,
-        )
+        if (found := self.triad(kind)) is None:
+            raise InputError(
+                f"{target} is for {QUANTITIES[kind].sensors}, but sensor {self.sensor.name} has "
+                "none; choose another target",
+                names=self.sensor.channels,
+            )
+        return found
 
 
 def export_model(
@@ -267,11 +255,9 @@ def completed_triads(calibration: Calibration) -> Calibration:
         ideal = axes_along("xyz", kind, UNMEASURED + kind, own[0].readout, own[0].noise)
         along = dict(zip(letters, own, strict=True))
         axes += [along.get(letter, one) for letter, one in zip("xyz", ideal, strict=True)]
-    return (
-        calibration
-        if len(axes) == len(sensor.axes)
-        else replace(calibration, sensor=replace(sensor, axes=tuple(axes)))
-    )
+    if len(axes) == len(sensor.axes):
+        return calibration
+    return replace(calibration, sensor=replace(sensor, axes=tuple(axes)))
 
 
 def _turned_rows(

@@ -15,7 +15,8 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.export.target_definition import REFERENCE, StatedCalibration, StatedTriad
+from inercal.export.reader_definition import REFERENCE, StatedCalibration, StatedTriad
+from inercal.physics.quantities import Measures
 
 _COMMENT = re.compile(r"#|//")
 _BETWEEN = re.compile(r"[\s,;=:]+")
@@ -100,7 +101,7 @@ def stated_parameters(text: str, autopilot: str) -> StatedParameters:
 
 def parameter_calibration(
     program: str,
-    triads: Mapping[str, StatedTriad],
+    triads: Mapping[Measures, StatedTriad],
     references: set[float],
     parameter: str,
     known: StatedParameters,
@@ -130,8 +131,7 @@ def parameter_calibration(
             "one reference temperature; import a file with only one of the two kinds"
         )
     return StatedCalibration(
-        triads.get("f"),
-        triads.get("w"),
+        triads,
         reference_temperature=next(iter(references), REFERENCE),
         notes=(
             *(f"{program} states no misalignment and no scale factor of gyros",)
@@ -139,5 +139,4 @@ def parameter_calibration(
             *(f"{program} states no rotation between magnetometers and body",) * ("m" in triads),
             *assumed_note(program, known.assumed),
         ),
-        magnetometer=triads.get("m"),
     )

@@ -238,14 +238,10 @@ def _directions(model: ExportModel, row: int) -> Array:
 
 def _held(model: ExportModel) -> Sensor:
     """Return the sensor with only the terms that code supports."""
-    kept = tuple(
-        name
-        for name, (_, kind, _) in zip(
-            model.sensor.coefficients, kinds_of(model.sensor), strict=True
-        )
-        if kind not in DERIVATIVES
-    )
-    return replace(model.sensor, coefficients=kept)
+    sensor = model.sensor
+    named = zip(sensor.coefficients, kinds_of(sensor), strict=True)
+    kept = tuple(name for name, (_, kind, _) in named if kind not in DERIVATIVES)
+    return replace(sensor, coefficients=kept)
 
 
 def _nonlinear_names(model: ExportModel) -> Sequence[str]:

@@ -30,13 +30,9 @@ from inercal.basics.small_files import read_small_file
 from inercal.basics.units import si_factor
 from inercal.calibration import Calibration
 from inercal.export.model import parse_axes
-from inercal.export.target_definition import (
-    CalibrationReader,
-    StatedCalibration,
-    StatedTriad,
-    resolve_options,
-)
-from inercal.export.term_kinds import temperature_order, term_kind
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.target_definition import resolve_options
+from inercal.export.term_kinds import term_kind
 from inercal.physics import frames
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors import TABLES, Axis, Readout, Sensor, axes_along
@@ -150,16 +146,16 @@ def _in_body_axes(
     if np.array_equal(turn, np.eye(3)):
         return stated
 
-    to_body, first = turn, stated.accelerometer
+    to_body, first = turn, stated.triads.get("f")
     if stated.frame == "triangular" and first is not None and first.matrix is not None:
         # This frame follows the order of the axes, so it is found again from the body's axes.
         to_body = turn @ frames.decompose_triangular(turn.T @ first.matrix @ turn)[1].T
 
-    def back(one: StatedTriad | None) -> StatedTriad | None:
+    def back(one: StatedTriad) -> StatedTriad:
         def turned(matrix: Array | None) -> Array | None:
             return None if matrix is None else turn.T @ matrix @ to_body
 
-        return one and StatedTriad(
+        return StatedTriad(
             turned(one.matrix),
             None if one.scale is None else np.abs(turn.T) @ one.scale,
             None if one.bias is None else turn.T @ one.bias,
@@ -169,9 +165,7 @@ def _in_body_axes(
 
     return replace(
         stated,
-        accelerometer=back(stated.accelerometer),
-        gyro=back(stated.gyro),
-        magnetometer=back(stated.magnetometer),
+        triads={kind: back(one) for kind, one in stated.triads.items()},
         notes=(*stated.notes, f"turned from the axes of the file, {used}, to those of the body"),
     )
 
@@ -181,12 +175,11 @@ def _for_sensor(stated: StatedCalibration, like: Calibration | None) -> StatedCa
 
     All parameters of an autopilot in one file then also suit a sensor without magnetometers.
     """
-    if stated.magnetometer is None or like is None or like.sensor.rank("m"):
-        return stated
-    if stated.accelerometer is None and stated.gyro is None:
+    others = {kind: one for kind, one in stated.triads.items() if kind != "m"}
+    if "m" not in stated.triads or not others or like is None or like.sensor.rank("m"):
         return stated
     note = f"the magnetometers of the file are left out, because {like.sensor.name} has none"
-    return replace(stated, magnetometer=None, notes=(*stated.notes, note))
+    return replace(stated, triads=others, notes=(*stated.notes, note))
 
 
 def _build_calibration(
@@ -198,13 +191,8 @@ def _build_calibration(
     """
     axes: list[Axis] = []
     values: dict[str, float] = {}
-    triads: tuple[tuple[Measures, StatedTriad | None], ...] = (
-        ("f", stated.accelerometer),
-        ("w", stated.gyro),
-        ("m", stated.magnetometer),
-    )
-    for kind, triad in triads:
-        if triad is None:
+    for kind in KINDS:
+        if (triad := stated.triads.get(kind)) is None:
             continue
         mine = _axes(stated, like, kind)
         axes += mine
@@ -301,7 +289,7 @@ def _require_nominal(values: dict[str, float], like: Calibration | None) -> None
 def _temperature_name(kind: Measures, order: int) -> str:
     """Return the name of the term for a power of temperature."""
     for term in TABLES[kind]:
-        if term_kind(kind, term) == "bias_temperature" and temperature_order(term) == order:
+        if term_kind(kind, term) == "bias_temperature" and term.basis.degree("dT") == order:
             return term.name
     raise InputError(
         f"the bias of {QUANTITIES[kind].sensors} has a term of order {order} in temperature, "

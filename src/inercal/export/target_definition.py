@@ -1,4 +1,4 @@
-"""Declarations of targets for `inercal export` and of readers for `inercal import`.
+"""Declarations of targets for `inercal export`, and of the options of targets and readers.
 
 They declare their options and what they return.
 """
@@ -8,16 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import parse_quantity
-from inercal.calibration import Frame
 from inercal.export.model import ExportModel
 from inercal.export.ranges import Ranges
 from inercal.export.term_kinds import TermKind
-from inercal.physics.sensors import Sensor
 
 _WORDS: dict[type, str] = {int: "a whole number", float: "a finite number", str: "a text"}
 DEVICE_ID = (1, (1 << 31) - 1)  # autopilots store an id as INT32, and 0 means no device
@@ -241,81 +237,3 @@ class Target:
         """The suffix of a file name, such as ".px4.params", or ".export.csv" for target csv."""
         own = f".{self.name}"
         return f"{'.export' if own == self.suffix else own}{self.suffix}"
-
-
-REFERENCE = Sensor("", ()).reference_temperature
-
-
-@dataclass(frozen=True, eq=False)
-class StatedTriad:
-    """Values that a file states for three axes; a value that is not stated is None.
-
-    Parameters
-    ----------
-    matrix : (3, 3) array or None
-        Matrix from the motion to readings.
-    scale : (3,) array or None
-        Diagonal of the matrix, if the file states no cross-axis elements.
-    bias : (3,) array or None
-        Reading without motion, at the reference temperature.
-    bias_powers : (k, 3) array
-        Coefficients of ΔT, ΔT², … in SI, where ΔT is the temperature difference from the reference.
-    sensitivity : (3, 3) array or None
-        Acceleration sensitivity of gyros, (rad/s)/(m/s²) or output units per m/s².
-    """
-
-    matrix: Array | None = None
-    scale: Array | None = None
-    bias: Array | None = None
-    bias_powers: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    sensitivity: Array | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class StatedCalibration:
-    """The calibration of a sensor as stated in a file.
-
-    Parameters
-    ----------
-    accelerometer, gyro : StatedTriad or None
-    frame : Frame
-        Frame of the misalignments.
-    own_frame : bool
-        Whether the accelerometers' axes define the frame in this program.
-    output : bool
-        Whether readings are in the sensor's own output units instead of SI.
-    units : tuple of str, or None
-        Output units of accelerometers, gyros and magnetometers, if the file states them.
-    reference_temperature : float
-        Reference temperature, K.
-    notes : tuple of str
-    magnetometer : StatedTriad or None
-    """
-
-    accelerometer: StatedTriad | None
-    gyro: StatedTriad | None
-    frame: Frame = "mount"
-    own_frame: bool = False
-    output: bool = False
-    units: tuple[str, ...] | None = None
-    reference_temperature: float = REFERENCE
-    notes: tuple[str, ...] = ()
-    magnetometer: StatedTriad | None = None
-
-
-@dataclass(frozen=True)
-class CalibrationReader:
-    """The reader for a calibration format of another program.
-
-    Parameters
-    ----------
-    name, meaning : str
-    read : callable
-        Function (text, options) -> StatedCalibration.
-    options : tuple of TargetOption
-    """
-
-    name: str
-    meaning: str
-    read: Callable[[str, Mapping[str, Any]], StatedCalibration]
-    options: tuple[TargetOption, ...] = ()

@@ -68,16 +68,10 @@ def term_kind(measures: Measures, term: ErrorTerm) -> TermKind:
     return "g" if measures == "w" and used <= {"fi", "fp", "fo"} else "polynomial"
 
 
-def temperature_order(term: ErrorTerm) -> int:
-    """Return the power of temperature in a term of kind "bias_temperature"."""
-    return term.basis.degree("dT")
-
-
 def kinds_of(sensor: Sensor) -> tuple[tuple[Measures, TermKind, int], ...]:
     """Return the quantity, kind and power of temperature for each coefficient."""
     found: list[tuple[Measures, TermKind, int]] = []
     for full in sensor.coefficients:
-        term = sensor.coefficient(full)
-        sort = sensor.measures[CoefficientName(full).axis]
-        found.append((sort, term_kind(sort, term), temperature_order(term)))
+        sort, term = sensor.measures[CoefficientName(full).axis], sensor.coefficient(full)
+        found.append((sort, term_kind(sort, term), term.basis.degree("dT")))
     return tuple(found)

@@ -158,11 +158,10 @@ class RunAdvisor:
         return fitted
 
     def _is_readable(self, changes: tuple[Change, ...]) -> bool:
-        try:
+        with suppress(InercalError):
             changed_run(self._run, changes)
-        except InercalError:
-            return False
-        return True
+            return True
+        return False
 
     def _undetermined(self, names: tuple[str, ...]) -> tuple[str, ...] | None:
         """Return what a run with more coefficients does not determine, if known; else None.
@@ -328,12 +327,8 @@ class RunAdvisor:
 
     def _unit(self, full: str) -> str:
         scores = self._estimate.score_tests.scores
-        return next(
-            unit
-            for score in scores
-            for name, unit in zip(score.components, score.units, strict=True)
-            if name == full
-        )
+        pairs = (pair for s in scores for pair in zip(s.components, s.units, strict=True))
+        return next(unit for name, unit in pairs if name == full)
 
 
 def wald_statistic(estimate: Estimate, names: Sequence[str]) -> float:

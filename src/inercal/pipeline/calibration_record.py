@@ -196,11 +196,10 @@ def _turning(sensor: Sensor, inputs: EstimatorInput, at: list[int]) -> Iterator[
     if recording is None or not turns:
         return
     columns = [recording.channels.index(sensor.channels[k]) for k in at]
+    gyros = sensor.select_axes("w")
     for mark in inputs.marks:
         if mark.label in turns:
-            yield sensor.select_axes("w").to_si(
-                recording.data[..., mark.start : mark.stop, columns]
-            )
+            yield gyros.to_si(recording.data[..., mark.start : mark.stop, columns])
 
 
 def _temperatures(inputs: EstimatorInput) -> Iterator[Array]:

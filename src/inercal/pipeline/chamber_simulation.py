@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.contract import SimulatedMotion
 from inercal.benches.hand.bench import visit_number
@@ -25,6 +25,8 @@ from inercal.physics.motion import Motion
 from inercal.recordings.data.recording_loader import number_repeated_names
 from inercal.recordings.environment import ChamberProfile, Environment
 from inercal.recordings.temperature import first_order_response
+
+_Course = tuple[SimulatedMotion, Array, Indices, Indices]  # with temperature, soak and index
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +45,7 @@ class ChamberRun:
 
     simulated_motion: SimulatedMotion
     recorded: Array
-    order: NDArray[np.int64]
+    order: Indices
 
 
 def steps_of_soaks(steps: Sequence[Any], environment: Environment) -> list[Any]:
@@ -125,7 +127,7 @@ def repeatability_errors(
     return (drawn * np.array([sizes[axis.measures] for axis in sensor.axes]))[:, soak]
 
 
-def _visit_of_samples(labels: NDArray[np.str_]) -> NDArray[np.int64]:
+def _visit_of_samples(labels: NDArray[np.str_]) -> Indices:
     """Return the soak of each sample, counted from 0, from the visit number in its label."""
     names, place = np.unique(labels, return_inverse=True)
     visit = np.array([visit_number(name) - 1 for name in names.tolist()])
@@ -133,15 +135,13 @@ def _visit_of_samples(labels: NDArray[np.str_]) -> NDArray[np.int64]:
     return np.maximum.accumulate(number)
 
 
-def _soak_course(
-    done: SimulatedMotion, profile: ChamberProfile, rate_hz: float
-) -> tuple[SimulatedMotion, Array, NDArray[np.int64], NDArray[np.int64]]:
+def _soak_course(done: SimulatedMotion, profile: ChamberProfile, rate_hz: float) -> _Course:
     """Return the motion with waits, and the chamber temperature, soak and index of each sample."""
     visit = _visit_of_samples(done.labels)
-    order: list[NDArray[np.int64]] = []
+    order: list[Indices] = []
     set_points: list[Array] = []
-    soaks: list[NDArray[np.int64]] = []
-    waits: list[NDArray[np.bool_]] = []
+    soaks: list[Indices] = []
+    waits: list[Bools] = []
     before = profile.temperatures[0]
     for k, target in enumerate(profile.temperatures):
         own = np.flatnonzero(visit == k)
@@ -164,9 +164,7 @@ def _soak_course(
     )
 
 
-def _ramp_course(
-    done: SimulatedMotion, profile: ChamberProfile, rate_hz: float
-) -> tuple[SimulatedMotion, Array, NDArray[np.int64], NDArray[np.int64]]:
+def _ramp_course(done: SimulatedMotion, profile: ChamberProfile, rate_hz: float) -> _Course:
     """Return the motion and temperatures; the first sample is held while the chamber waits."""
     wait, n = round(profile.wait * rate_hz), done.labels.size
     turning = np.array(profile.temperatures)
@@ -183,7 +181,7 @@ def _ramp_course(
 
 
 def _rearranged(
-    done: SimulatedMotion, order: NDArray[np.int64], held: NDArray[np.bool_], rate_hz: float
+    done: SimulatedMotion, order: Indices, held: Bools, rate_hz: float
 ) -> SimulatedMotion:
     """Return the samples in a new order, with some repeated; repeated samples have no label."""
     f, w = (np.broadcast_to(v, done.motion.f.shape) for v in (done.motion.f, done.motion.w))

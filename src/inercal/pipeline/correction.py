@@ -50,13 +50,11 @@ def require_same_corrections(
     if kept_corrections == made_from:
         return
     raise InputError(
-        f"{run.path}: the corrections in the readings of {source} "
-        f"({kept_corrections or 'none'}) differ from those in the readings of the "
-        f"calibration ({made_from or 'none'}), so one would be applied twice or not at all; state "
-        "[data] corrections as in the run of the calibration",
-        file=run.path,
+        f"the corrections in the readings of {source} ({kept_corrections or 'none'}) differ from "
+        f"those in the readings of the calibration ({made_from or 'none'}), so one would be "
+        "applied twice or not at all; state [data] corrections as in the run of the calibration",
         key="[data] corrections",
-    )
+    ).located(run.path)
 
 
 def crossed_column_findings(calibration: Calibration, run: Run) -> tuple[Finding, ...]:
@@ -128,9 +126,7 @@ def _temperatures_beyond(
         return ()
     assert calibration.validity is not None
     assert calibration.validity.temperature is not None
-    ends = " to ".join(
-        f"{kelvin - ZERO_CELSIUS:.2f}" for kelvin in calibration.validity.temperature
-    )
+    ends = " to ".join(f"{t - ZERO_CELSIUS:.2f}" for t in calibration.validity.temperature)
     beyond = recording.temperature[outside] - ZERO_CELSIUS
     text = (
         f"{int(outside.sum())} samples at {beyond.min():.2f} to {beyond.max():.2f} °C are outside "
@@ -143,18 +139,16 @@ def require_same_readout(calibration: Calibration, run: Run) -> None:
     """Raise an error if a run has no recording, or if its readout is not the calibration's."""
     if run.data.kind == "means":
         raise InputError(
-            f"{run.path}: [data] kind is means, but only a recording can be corrected; give the "
-            "run file of a recording",
-            file=run.path,
+            "[data] kind is means, but only a recording can be corrected; give the run file of a "
+            "recording",
             key="[data] kind",
-        )
+        ).located(run.path)
     if run.data.temperature is None and calibration.sensor.uses("dT", "dTdt"):
         raise InputError(
-            f"{run.path}: [data] temperature is missing, but the calibration depends on it: name "
-            f"the column of {run.data.file} with the temperature of the sensor",
-            file=run.path,
+            "[data] temperature is missing, but the calibration depends on it: name the column of "
+            f"{run.data.file} with the temperature of the sensor",
             key="[data] temperature",
-        )
+        ).located(run.path)
     stated = {axis.name: axis for axis in run.whole_sensor.axes}
     for axis in calibration.sensor.axes:
         here = stated.get(axis.name, axis)
@@ -163,12 +157,11 @@ def require_same_readout(calibration: Calibration, run: Run) -> None:
         if mine.unit == theirs.unit and not same.all():
             section = QUANTITIES[axis.measures].sensor
             raise InputError(
-                f"{run.path}: {'only the offset' if same[0] else 'the scale'} of {axis.name} "
-                f"differs: scale and offset are {describe_readout(here)} here, and "
-                f"{describe_readout(axis)} in the calibration; state that in [sensor.{section}]",
-                file=run.path,
+                f"{'only the offset' if same[0] else 'the scale'} of {axis.name} differs: scale "
+                f"and offset are {describe_readout(here)} here, and {describe_readout(axis)} in "
+                f"the calibration; state that in [sensor.{section}]",
                 names=(axis.name,),
-            )
+            ).located(run.path)
 
 
 def _without_delays(calibration: Calibration, recording: Recording) -> Recording:
@@ -238,10 +231,9 @@ def apply(
     warmer = _temperatures_beyond(calibration, recording, outside)
     if warmer and not extrapolate:
         raise InputError(
-            f"{run.path}: {warmer[0].message}; cut them off, or allow it with --extrapolate",
-            file=run.path,
+            f"{warmer[0].message}; cut them off, or allow it with --extrapolate",
             key="[data] temperature",
-        )
+        ).located(run.path)
     motion = calibration.correct(recording, extrapolate=extrapolate)
     beyond = _rates_beyond(calibration, recording)
     named = readback_columns(run)

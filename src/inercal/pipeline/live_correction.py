@@ -165,9 +165,8 @@ class LiveCorrector:
             # The product of one row is rounded differently, so it is computed as one of two.
             readings = np.repeat(readings, 2, axis=0)
             kelvin = None if kelvin is None else np.repeat(kelvin, 2)
-        y = (
-            (readings if self._in_order else readings[:, self._columns]) - self._zero
-        ) / self._scale
+        own = readings if self._in_order else readings[:, self._columns]
+        y = (own - self._zero) / self._scale
         values = self._values(y, kelvin)[:n]
         q = len(self._sensor.sensed.names)
         if self._rate_limits is not None:

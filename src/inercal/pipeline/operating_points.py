@@ -116,17 +116,16 @@ def points_from_table(path: Path) -> Points:
         short, unit = (found[1], found[2]) if found else (name, None)
         if short not in (*_NAMES, "T") or unit is None or short in parts:
             raise InputError(
-                f"{path}: column {name!r}: the columns are {', '.join(_NAMES)} and T, each with "
-                "its unit in brackets, as in 'fx [g]', 'wz [°/s]', 'T [°C]'",
-                file=path,
+                f"column {name!r}: the columns are {', '.join(_NAMES)} and T, each with its unit "
+                "in brackets, as in 'fx [g]', 'wz [°/s]', 'T [°C]'",
                 names=(name,),
-            )
+            ).located(path)
         values = table.numbers(name)
         if not np.isfinite(values).all():
             row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
             raise InputError(
-                f"{path}: row {row}: {name} is not a number; fill it in", file=path, names=(name,)
-            )
+                f"row {row}: {name} is not a number; fill it in", names=(name,)
+            ).located(path)
         with error_location(f"{path}: column {name!r}", file=path, key=name):
             parts[short] = to_si(values, unit, _LIKE[short[0]])
     zero = np.zeros(next(iter(parts.values())).size)

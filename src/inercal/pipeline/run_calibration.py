@@ -24,33 +24,11 @@ from inercal.methods.solving import prepared
 from inercal.methods.temperature import temperature_coefficients
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_selection import select_coefficients
+from inercal.pipeline import calibration_record, stated_values, temperature_fit
 from inercal.pipeline.added_coefficients import with_added_coefficients
 from inercal.pipeline.advisor import RunAdvisor, changed_run, large_uncertainties
-from inercal.pipeline.calibration_record import (
-    bench_estimates,
-    crossed_columns,
-    prior_of_type,
-    provenance,
-    run_conditions,
-    shared_errors,
-    validity,
-)
 from inercal.pipeline.outcome import FittedRun, Outcome
 from inercal.pipeline.stated_noise import stated_noise_findings
-from inercal.pipeline.stated_values import (
-    constant_notes,
-    find_assumed_constants,
-    gravity_notes,
-    qualification_conditions,
-    require_small_assumed_share,
-    uncounted_notes,
-)
-from inercal.pipeline.temperature_fit import (
-    TemperatureFit,
-    fit_over_temperatures,
-    with_common_errors,
-    with_magnetometers,
-)
 from inercal.recordings import Finding, merge_findings
 from inercal.recordings.data import EstimatorInput
 from inercal.recordings.io.mean_tables import check_repeated_rows
@@ -69,7 +47,7 @@ class ObservedRun(NamedTuple):
     stated: Run
     run: Run
     inputs: EstimatorInput
-    thermal: TemperatureFit | None
+    thermal: temperature_fit.TemperatureFit | None
     of_type: Mapping[str, str]
 
 
@@ -84,9 +62,9 @@ def observed(run: Run) -> ObservedRun:
     stated = run
     try:
         inputs = run.kind.observe(run)
-        of_type = prior_of_type(run, inputs)
+        of_type = calibration_record.prior_of_type(run, inputs)
         inputs = replace(inputs, conditions={**inputs.conditions, **of_type})
-        return ObservedRun(stated, *fit_over_temperatures(run, inputs), of_type)
+        return ObservedRun(stated, *temperature_fit.fit_over_temperatures(run, inputs), of_type)
     except (InputError, NotObserved) as error:
         named = error.file is not None or str(run.path) in str(error)
         raise (error if named else error.located(run.path)) from None
@@ -132,7 +110,7 @@ def _fitted(
             causes = f"{large_uncertainties(run, expected)}{causes}"
         located.args = (f"{located}{_usable_also(run, error)}{causes}",)
         raise located from None
-    estimate = with_common_errors(run, inputs, estimate)
+    estimate = temperature_fit.with_common_errors(run, inputs, estimate)
     fit = Fit(
         run.estimator,
         sensor,
@@ -168,25 +146,22 @@ def _fitted(
             text = f"; perhaps the plan does not determine {', '.join(free)}{text}"
         text = f"{large_uncertainties(run, expected)}{text}"
         raise InputError(
-            f"{run.path}: the fit did not converge; check the {sections} and the plan{text}",
-            file=run.path,
-            names=free,
-        )
+            f"the fit did not converge; check the {sections} and the plan{text}", names=free
+        ).located(run.path)
     if not np.isfinite(estimate.covariance).all():
         raise InputError(
-            f"{run.path}: estimator {run.estimator} states no uncertainty for this noise, because "
-            "its equation may have no root; use another estimator",
-            file=run.path,
+            f"estimator {run.estimator} states no uncertainty for this noise, because its "
+            "equation may have no root; use another estimator",
             key="[method] estimator",
-        )
+        ).located(run.path)
     p = len(sensor.coefficients)
-    assumed = find_assumed_constants(expected)
+    assumed = stated_values.find_assumed_constants(expected)
 
     def solve(other: Bench) -> Estimate:
         return run.solver()(observations, solver_sensor, other, inputs.plan, run.priors)
 
     with error_location(run.path):
-        require_small_assumed_share(assumed, estimate, p, bench, solve)
+        stated_values.require_small_assumed_share(assumed, estimate, p, bench, solve)
     weighs_gravity = bool(sensor.select_axes("f").coefficients)
     estimate = replace(
         estimate,
@@ -196,12 +171,16 @@ def _fitted(
             *inputs.notes,
             *section_notes(inputs),
             *observations.notes,
-            *(f"[data] takes {c}, judged by their names." for c in [crossed_columns(run)] if c),
+            *(
+                f"[data] takes {c}, judged by their names."
+                for c in [calibration_record.crossed_columns(run)]
+                if c
+            ),
             *estimate.notes,
             *(() if thermal is None else thermal.notes),
-            *gravity_notes(bench, sensor, estimate),
-            *constant_notes(bench, assumed),
-            *uncounted_notes(run, estimate, expected),
+            *stated_values.gravity_notes(bench, sensor, estimate),
+            *stated_values.constant_notes(bench, assumed),
+            *stated_values.uncounted_notes(run, estimate, expected),
             *(one.message for one in run.findings if one.what == "height" and weighs_gravity),
         ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
@@ -211,7 +190,7 @@ def _fitted(
         noise_channels=len(sensor.axes),
     )
     try:
-        run, estimate, of_field, thermal = with_magnetometers(
+        run, estimate, of_field, thermal = temperature_fit.with_magnetometers(
             run, replace(fit, estimate=estimate), thermal
         )
     except (InputError, NotObserved) as error:
@@ -299,10 +278,10 @@ def calibrate_run(
     _, run, inputs, thermal, bench, expected, estimate, findings, remarks, generations = fitted
     sensor, observations = run.whole_sensor, inputs.observations
     p = len(sensor.coefficients)
-    conditions = {**run_conditions(run, inputs), **remarks.conditions}
+    conditions = {**calibration_record.run_conditions(run, inputs), **remarks.conditions}
     if run.bench_name:
         conditions["bench"] = run.bench_name
-    conditions |= qualification_conditions(run)
+    conditions |= stated_values.qualification_conditions(run)
     if run.check_standard:
         conditions[CHECK_STANDARD] = run.check_standard
     possible, findings = run.method.possible(sensor), findings + doubtful_additions(additions)
@@ -321,17 +300,17 @@ def calibrate_run(
         run.method.name,
         run.estimator,
         conditions,
-        provenance(run, inputs),
+        calibration_record.provenance(run, inputs),
         judged.statements,
         "symmetric" if sensor.frame == "symmetric" else run.method.frame(run.bench),
         verdict=judged,
-        shared=shared_errors(run, estimate, expected, p),
-        validity=validity(run.sensor, inputs),
+        shared=calibration_record.shared_errors(run, estimate, expected, p),
+        validity=calibration_record.validity(run.sensor, inputs),
         job=run.job,
         conformity=None
         if run.specification is None
         else run.specification.judge(sensor.coefficients, value, covariance),
-        bench_estimates=bench_estimates(estimate, expected, p),
+        bench_estimates=calibration_record.bench_estimates(estimate, expected, p),
     )
     return Outcome(
         calibration=calibration,

@@ -74,11 +74,9 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
     run = (run if isinstance(run, Run) else read(run)).with_all_axes
     if run.data.file in run.data.further_files().values():
         raise InputError(
-            f"{run.path}: [data] names {run.data.file} twice, but a simulation needs two separate "
-            "files",
-            file=run.path,
+            f"[data] names {run.data.file} twice, but a simulation needs two separate files",
             key="[data]",
-        )
+        ).located(run.path)
     rng = np.random.default_rng(seed)
     recording, done = _simulate_run(run, rng, seed)
     files = {run.data.file: apply_data_columns(run, recording)}
@@ -91,20 +89,15 @@ def _simulate_run(
     run: Run, rng: "np.random.Generator", seed: int, trials: int | None = None
 ) -> tuple[Recording, SimulatedMotion]:
     if run.rate_hz is None:
-        raise InputError(
-            f"{run.path}: [data] rate is missing, but a simulation needs it: add rate, such as "
-            f'rate = "100 Hz"',
-            file=run.path,
-            key="[data] rate",
-        )
+        reason = 'is missing, but a simulation needs it: add rate, such as rate = "100 Hz"'
+        raise key_error("[data] rate", reason, run.path)
     samples = run.rate_hz * run.kind.seconds(run.bench, run.steps) * (trials or 1)
     if samples > _MOST_SAMPLES:
         raise InputError(
-            f"{run.path}: the simulation would have {samples:.2g} samples, but the limit is "
+            f"the simulation would have {samples:.2g} samples, but the limit is "
             f"{_MOST_SAMPLES:.0e}: reduce [data] rate or [method] seconds",
-            file=run.path,
             key="[data] rate",
-        )
+        ).located(run.path)
     sensor = run.sensor.with_coefficients(*run.truth)
     bench, rate, several = run.bench, run.rate_hz, trials or 1
     steps = [step for step in run.steps if isinstance(step, run.kind.steps)]
@@ -153,12 +146,12 @@ def _require_chamber(run: Run) -> None:
     """Raise an error for missing temperatures, or soaks with positions that cannot be repeated."""
     assert run.environment is not None
     if run.environment.kind == "soaks" and run.kind.name != "hand":
-        raise InputError(
-            f"{run.path}: [environment] kind: method {run.method.name} has no positions that can "
-            'be repeated at another temperature; write kind = "ramp", or simulate a turntable in a '
-            "chamber with inercal bench simulate",
-            file=run.path,
-            key="[environment] kind",
+        raise key_error(
+            "[environment] kind",
+            f"method {run.method.name} has no positions that can be repeated at another "
+            'temperature; write kind = "ramp", or simulate a turntable in a chamber with inercal '
+            "bench simulate",
+            run.path,
         )
     with error_location(run.path):
         require_profile(run.environment)

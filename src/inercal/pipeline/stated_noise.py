@@ -80,14 +80,8 @@ def stated_noise_findings(
     if not estimate.groups and estimate.dof and estimate.chi2 > 0:
         chi2 = float(estimate.chi2)
         whole = [((estimate.dof / chi2) ** 0.5, chi2, estimate.dof)]
-    small = max(
-        (
-            ratio
-            for ratio, chi2, dof in whole
-            if len(whole) * (1 - chi2_tail_probability(chi2, dof)) < LEVEL
-        ),
-        default=1.0,
-    )
+    chances = [(ratio, 1 - chi2_tail_probability(chi2, dof)) for ratio, chi2, dof in whole]
+    small = max((ratio for ratio, p in chances if len(whole) * p < LEVEL), default=1.0)
     if recorded:
         severe = small >= LEAST_RATIO
         found = tuple(_recorded_noise(observations, sensor, steps, by_hand, severe))
@@ -210,9 +204,8 @@ def _means_finding(section: str, ratio: float) -> Finding:
 
 def _times(ratio: float) -> str:
     """Say by what factor a stated noise is too large or too small."""
-    return (
-        f"{format_number(max(ratio, 1 / ratio), 2)} times too {'large' if ratio > 1 else 'small'}"
-    )
+    word = "large" if ratio > 1 else "small"
+    return f"{format_number(max(ratio, 1 / ratio), 2)} times too {word}"
 
 
 def _is_at_rest(step: Step) -> bool:

@@ -23,7 +23,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.parameters import Parameter, QualifiedParameters
+from inercal.basics.parameters import Parameter
 from inercal.basics.units import Measured, format_quantity, format_value_and_uncertainty, si_factor
 from inercal.benches import Bench
 from inercal.benches.qualification.joint_prior import joint_prior
@@ -53,11 +53,10 @@ def qualified_errors(
     known = run.qualified.parameters
     declared = {one.name: one for one in run.bench.parameters}
     slopes = np.zeros((count, len(known.names)))
-    for k in _acting(known, expected):
-        name = known.names[k]
+    for name in known.acting(expected):
         slope = estimate.sensitivity(name, expected[name].sd)
         if slope is not None:
-            slopes[:, k] = slope[:count]
+            slopes[:, known.names.index(name)] = slope[:count]
     if not slopes.any():
         return ()
     # All are used, because a parameter without an effect may act through another parameter that
@@ -125,15 +124,6 @@ def qualification_conditions(run: Run) -> dict[str, str]:
         )
         for file, one in zip(run.qualified.files, run.qualified.each, strict=True)
     }
-
-
-def _acting(known: QualifiedParameters, expected: Mapping[str, Parameter]) -> list[int]:
-    """Return indices of qualified run parameters that have an effect and are not exact."""
-    return [
-        k
-        for k, name in enumerate(known.names)
-        if name in expected and expected[name].scope == "run" and expected[name].sd > 0
-    ]
 
 
 _MIN_IMPROVEMENT = 1.5  # a note is written if better gravity reduces U by this factor

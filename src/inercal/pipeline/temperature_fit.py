@@ -39,20 +39,9 @@ from inercal.pipeline.temperature_orders import (
     with_orders,
 )
 from inercal.recordings import Finding, Observations
+from inercal.recordings import environment as soaks
 from inercal.recordings.data import EstimatorInput
-from inercal.recordings.environment import (
-    SOAK_SPREAD,
-    Environment,
-    SoakLoop,
-    changed_by_soak_errors,
-    distinct_levels,
-    soak_loops,
-    soak_numbers,
-    soak_temperatures,
-    with_added_covariance,
-    with_soak_errors,
-    with_temperature_shift,
-)
+from inercal.recordings.environment import Environment, SoakLoop
 from inercal.runfile import Run
 from inercal.runfile.environment_section import MAX_ORDERS, ORDERED
 
@@ -269,29 +258,29 @@ def fit_over_temperatures(
         )
     if environment.kind == "ramp" or (observations.track is not None and run.environment is None):
         return run, inputs, TemperatureFit(_NO_SOAKS, _orders_of(run))
-    soaks = soak_temperatures(observations)
-    levels = distinct_levels(soaks)
+    temperatures = soaks.soak_temperatures(observations)
+    levels = soaks.distinct_levels(temperatures)
     run = _within_levels(run, levels)
     if not weighs:
         untested = is_untested(run.sensor, levels)
-        return run, inputs, TemperatureFit(soaks, _orders_of(run), untested=untested)
+        return run, inputs, TemperatureFit(temperatures, _orders_of(run), untested=untested)
     solver = _Solver(run, inputs)
     first = solver.solve(observations, run.sensor)
     c = first.value[..., : len(run.sensor.coefficients)]
     rates = _row_rates(inputs)
-    observations = with_soak_errors(observations, run.sensor, c, environment, rates)
+    observations = soaks.with_soak_errors(observations, run.sensor, c, environment, rates)
     tests: tuple[OrderTest, ...] = ()
     if stated == "auto":
         sensor, tests = choose_orders(solver.solve(observations, run.sensor), run.sensor)
         run = replace(run, sensor=sensor)
     final = solver.solve(observations, run.sensor)
     found = TemperatureFit(
-        soaks,
+        temperatures,
         _orders_of(run),
         tests,
         solver.leave_out(observations, run.sensor, final),
         float(final.chi2) / max(final.dof, 1),
-        soak_loops(observations, final.residual),
+        soaks.soak_loops(observations, final.residual),
         run.sensor.axes,
         np.nan if rates is None else float(np.abs(rates * observations.duration).max()),
         is_untested(run.sensor, levels),
@@ -346,14 +335,14 @@ def with_common_errors(run: Run, inputs: EstimatorInput, estimate: Estimate) -> 
     if environment is None or run.method.follows_rest:
         return estimate
     if environment.kind == "ramp":
-        return with_temperature_shift(estimate, run.sensor, environment.temperature_sd)
+        return soaks.with_temperature_shift(estimate, run.sensor, environment.temperature_sd)
     if run.method.weighs_common_errors:
         return estimate
     added, solver = np.zeros(estimate.covariance.shape), _Solver(run, inputs)
-    for changed in changed_by_soak_errors(inputs.observations, run.sensor, environment):
+    for changed in soaks.changed_by_soak_errors(inputs.observations, run.sensor, environment):
         moved = solver.solve(changed, run.sensor).value - estimate.value
         added += np.outer(moved, moved)
-    return with_added_covariance(estimate, added)
+    return soaks.with_added_covariance(estimate, added)
 
 
 def _ordered_ramp(run: Run, inputs: EstimatorInput) -> tuple[Run, EstimatorInput, TemperatureFit]:
@@ -387,9 +376,7 @@ def _row_rates(inputs: EstimatorInput) -> Array | None:
 
 def _require_temperatures(run: Run, observations: Observations) -> None:
     """Raise an error if temperatures are missing, constant, or span less than `LEAST_SPAN`."""
-    kelvin = (
-        observations.temperature if observations.track is None else observations.track.temperature
-    )
+    kelvin = (observations.track or observations).temperature
     names = ", ".join(n for n in run.whole_sensor.coefficients if "_dT" in n)
     if kelvin is None:
         raise key_error(
@@ -415,7 +402,8 @@ def _within_levels(run: Run, levels: int) -> Run:
                 raise key_error(
                     "[method] temperature_order",
                     f"order {order} of the {quantity} needs {order + 1} soaks at different "
-                    f"temperatures, but there are {levels} (more than {SOAK_SPREAD:g} K apart)",
+                    f"temperatures, but there are {levels} (more than {soaks.SOAK_SPREAD:g} K "
+                    "apart)",
                 )
     if stated != "auto":
         return run
@@ -442,7 +430,8 @@ class _Solver:
         self, observations: Observations, sensor: Sensor, whole: Estimate
     ) -> tuple[SoakLeftOut, ...]:
         """Omit each soak that is not essential, and return the prediction errors."""
-        number, temperatures = soak_numbers(observations), soak_temperatures(observations)
+        number = soaks.soak_numbers(observations)
+        temperatures = soaks.soak_temperatures(observations)
         if not whole.dof:
             return ()
         chi2 = float(whole.chi2)

@@ -11,6 +11,7 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any
 
+from inercal.basics.closeable import on_failure
 from inercal.basics.errors import InercalError, InputError, require_installed
 from inercal.basics.parallel.executor import (
     LOOK,
@@ -57,10 +58,7 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
         Dask is not installed.
     """
     if (found := _ADDRESS.fullmatch(address)) is None or not 0 < int(found["port"]) < 1 << 16:
-        raise InputError(
-            f"--scheduler {address}: give tcp://HOST:PORT, tls://HOST:PORT or local",
-            key="--scheduler",
-        )
+        raise _refused(address, "give tcp://HOST:PORT, tls://HOST:PORT or local")
     if workers is not None:
         raise InputError(
             f"--workers {workers}: the cluster at {address} has its own workers; give only one "
@@ -78,16 +76,10 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
         logging.getLogger(name).setLevel(logging.CRITICAL)
     with dask.set(_SETTINGS):
         client = _connected_client(distributed, address)
-    try:
+    with on_failure(client.close):
         executor = DaskExecutor(client)
-    except BaseException:
-        client.close()
-        raise
-    try:
+    with on_failure(executor.close):
         executor.require_same_version()
-    except BaseException:
-        executor.close()
-        raise
     return executor
 
 
@@ -121,10 +113,10 @@ def _connected_client(distributed: Any, address: str) -> Any:
     except Empty:
         client = TimeoutError()
     if isinstance(client, Exception):
-        raise InputError(
-            f"--scheduler {address}: no Dask scheduler answers ({type(client).__name__}); start "
-            "one with `dask scheduler`, and check address and certificates",
-            key="--scheduler",
+        raise _refused(
+            address,
+            f"no Dask scheduler answers ({type(client).__name__}); start one with `dask "
+            "scheduler`, and check address and certificates",
         )
     return client
 
@@ -134,11 +126,15 @@ def _require_certificates(security: Any, address: str) -> None:
     names = {"ca_file": "ca-file", "cert": "client.cert", "key": "client.key"}
     if missing := [setting for key, setting in names.items() if not stated.get(key)]:
         settings = ", ".join(f"distributed.comm.tls.{name}" for name in missing)
-        raise InputError(
-            f"--scheduler {address}: tls needs certificates; state {settings} in Dask's settings "
+        raise _refused(
+            address,
+            f"tls needs certificates; state {settings} in Dask's settings "
             "(~/.config/dask/*.yaml, or DASK_DISTRIBUTED__COMM__TLS__…)",
-            key="--scheduler",
         )
+
+
+def _refused(address: str, reason: str) -> InputError:
+    return InputError(f"--scheduler {address}: {reason}", key="--scheduler")
 
 
 class SchedulerLost(InercalError):
@@ -218,19 +214,17 @@ class DaskExecutor(TolerantExecutor):
         with self._lost_scheduler_named():
             found: dict[str, Any] = self._client.run(version, "inercal", on_error="return")
         if not found:
-            raise InputError(
-                f"--scheduler {address}: the cluster has no worker; start one with `dask worker "
-                f"{address}`",
-                key="--scheduler",
+            raise _refused(
+                address, f"the cluster has no worker; start one with `dask worker {address}`"
             )
         # A worker that ends during this check is treated like a worker that ends later.
         answers = [one for one in found.values() if not isinstance(one, OSError)]
         texts = {one if isinstance(one, str) else "none" for one in answers}
         if other := sorted(texts - {own}):
-            raise InputError(
-                f"--scheduler {address}: its workers run inercal {', '.join(other)}, but this "
-                f"program is version {own}; install the same version on all",
-                key="--scheduler",
+            raise _refused(
+                address,
+                f"its workers run inercal {', '.join(other)}, but this program is version {own}; "
+                "install the same version on all",
             )
 
     def _note_step(self, event: tuple[Any, tuple[int, int, str]]) -> None:

@@ -118,7 +118,7 @@ def _plain_quantity(text: object, like: str) -> str:
     if isinstance(text, str) and text.strip():
         return re.sub(r"\+ ?/? ?-", "±", plain_text(text))
     if isinstance(text, bool) or not isinstance(text, (int, float)):
-        raise NotationError(f"is not a quantity such as {_example_text(1, like)}")
+        raise NotationError(f"is not a quantity such as {_example(1, like)!r}")
     if not abs(text) <= sys.float_info.max:
         raise NotationError("is not a finite number; write one")
     return repr(float(text))
@@ -146,7 +146,7 @@ def _split_number_and_unit(text: str, like: str) -> tuple[float, str]:
         if like == "1":
             raise NotationError("is not a finite number, such as '0.5' or '50 %'")
         raise NotationError(
-            f"is not a finite number with its unit, such as {_example_text(0.5, like)}"
+            f"is not a finite number with its unit, such as {_example(0.5, like)!r}"
         )
     number = float(found[1])
     if number and not 1 / LARGEST_NUMBER <= abs(number) <= LARGEST_NUMBER:
@@ -210,10 +210,6 @@ def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
     if not sd < LARGEST_NUMBER:
         raise NotationError("states an uncertainty that is too large; write a smaller one")
     return sd
-
-
-def _example_text(number: float, like: str) -> str:
-    return repr(_example(number, like))
 
 
 def _example(number: float, like: str) -> str:

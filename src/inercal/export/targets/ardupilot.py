@@ -25,19 +25,12 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.export.parameter_files import parameter_calibration, stated_parameters
 from inercal.export.ranges import temperature_limits
-from inercal.export.target_definition import (
-    DEVICE_ID,
-    CalibrationReader,
-    Rendering,
-    Request,
-    StatedCalibration,
-    StatedTriad,
-    Target,
-    TargetOption,
-)
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.target_definition import DEVICE_ID, Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
+from inercal.physics.quantities import Measures
 
-_WORDS = {"f": "ACC", "w": "GYR"}
+_WORDS: dict[Measures, str] = {"f": "ACC", "w": "GYR"}
 _MILLIGAUSS = 1e-7  # T
 # Limits that ArduPilot's own calibration applies (CompassCalibrator.cpp).
 _DIAGONALS, _OFF_DIAGONALS, _LARGEST_OFFSET = (0.2, 5.0), (-1.0, 1.0), 1800.0
@@ -61,7 +54,7 @@ OPTIONS = (
 )
 
 
-def _parameter_names(kind: str, imu: int) -> tuple[str, str, str, str]:
+def _parameter_names(kind: Measures, imu: int) -> tuple[str, str, str, str]:
     """Return the stems of the names of an IMU's offset, scale, device id and thermal parameters."""
     word = _WORDS[kind]
     n = "" if imu == 1 else str(imu)
@@ -92,7 +85,7 @@ def _render(request: Request) -> Rendering:
     shared.require_aligned(model, "ardupilot")
     imu = options["imu"]
     reference = model.sensor.reference_temperature - ZERO_CELSIUS
-    inertial = [(kind, triad) for kind, triad in model.triads if kind != "m"]
+    inertial = [one for one in model.triads if one[0] != "m"]
     thermal = any(triad.bias_powers.any() for _, triad in inertial)
     limits, taken = (-np.inf, np.inf), reference
     lines: list[tuple[str, float]] = []
@@ -142,11 +135,9 @@ def _render(request: Request) -> Rendering:
     if any(kind == "w" for kind, _ in inertial):
         lines.append(("INS_GYR_CAL", 0))
     lost: Array | None = None
-    if model.magnetometer is not None:
-        matrix, lost = shared.symmetric_part(
-            model.magnetometer, options["max_rotation"], "ardupilot"
-        )
-        offsets = -model.magnetometer.bias / _MILLIGAUSS
+    if (field := model.triad("m")) is not None:
+        matrix, lost = shared.symmetric_part(field, options["max_rotation"], "ardupilot")
+        offsets = -field.bias / _MILLIGAUSS
         lines += _compass_lines(matrix, offsets, options)
         corrections["m"] = shared.matrix_correction(
             shared.single(matrix), -shared.single(offsets) * _MILLIGAUSS
@@ -163,7 +154,7 @@ def _render(request: Request) -> Rendering:
             "thermal = P(T - 35) - P(CALTEMP - 35), P(t) = 1e-6 (c1 t + c2 t^2 + c3 t^3), "
             "T in degC within TMIN ... TMAX"
         )
-    if model.magnetometer is not None:
+    if field is not None:
         formula.append(
             "magnetometer: m = S (SCALE (raw + OFS)), S symmetric: DIA 11 22 33, ODI 12 13 23"
         )
@@ -236,7 +227,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     known = stated_parameters(text, "ArduPilot")
     imu = options["imu"]
     thermal = known.get(f"INS_TCAL{imu}_ENABLE") == 1
-    triads: dict[str, StatedTriad] = {}
+    triads: dict[Measures, StatedTriad] = {}
     references: set[float] = set()
     for kind, word in _WORDS.items():
         offsets, scales, _, temperature = _parameter_names(kind, imu)

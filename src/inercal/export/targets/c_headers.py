@@ -137,7 +137,7 @@ def _render(language: _Language, request: Request) -> Rendering:
         "}",
         "",
         "/* Returns 0 if the check above is reproduced to 1e-5"
-        + (", and its field to 1e-9 T" * (code.model.magnetometer is not None))
+        + (", and its field to 1e-9 T" * (code.model.triad("m") is not None))
         + ". */",
         *(line.format(**words) for line in language.self_test),
         *check_lines(real, constants, call, _BEYOND_TOLERANCE, len(code.model.gain)),

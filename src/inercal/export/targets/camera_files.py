@@ -24,21 +24,13 @@ matrix of the gyroscope and always writes the identity. Sources: rs-imu-calibrat
 motion-transform.cpp and float3.h of IntelRealSense/librealsense (Apache-2.0), described in words.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from inercal.export.target_definition import (
-    CalibrationReader,
-    Rendering,
-    Request,
-    StatedCalibration,
-    StatedTriad,
-    Target,
-    TargetOption,
-)
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
 from inercal.export.targets.kalibr import NOISE_OPTIONS, frame_remark, noise_values
 from inercal.physics import frames
@@ -71,10 +63,6 @@ def _render_basalt(request: Request) -> Rendering:
         "imu_update_rate": noise["update_rate"],
     } | {name: [noise[key]] * 3 for name, key in _NOISE.items()}
 
-    def write(header: Sequence[str]) -> str:
-        whole = {"comment": "\n".join(header), "value0": content}
-        return json.dumps(whole, indent=4) + "\n"
-
     return Rendering(
         shared.by_triad(
             model,
@@ -83,7 +71,7 @@ def _render_basalt(request: Request) -> Rendering:
                 "w": lambda y, dT: (y + y @ scale_g.T - bias_g) @ turn,
             },
         ),
-        write,
+        shared.json_with_comment({"value0": content}, 4),
         ("a = (1 + S) y - b, S lower triangular; w = (1 + S_g) y_g - b_g",),
         remarks=(
             frame_remark(turn),
@@ -104,8 +92,10 @@ def _triad(section: Mapping[str, Any], name: str, places: Sequence[int]) -> Stat
 def _read_basalt(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     content = shared.json_section(text, "a calibration of Basalt", "value0")
     return StatedCalibration(
-        _triad(content, "calib_accel_bias", _TRIANGLE),
-        _triad(content, "calib_gyro_bias", range(9)),
+        {
+            "f": _triad(content, "calib_accel_bias", _TRIANGLE),
+            "w": _triad(content, "calib_gyro_bias", range(9)),
+        },
         frame="triangular",
         notes=("the noise and the cameras of the file are not imported",),
     )
@@ -115,7 +105,7 @@ BASALT = Target(
     "basalt",
     "Basalt calibration file, keys of the IMU",
     ".json",
-    {"f": shared.MATRIX, "w": shared.MATRIX},
+    shared.MATRICES,
     _render_basalt,
     NOISE_OPTIONS,
 )
@@ -140,13 +130,10 @@ def _render_realsense(request: Request) -> Rendering:
         imu[name] = {_MATRIX: matrix.T.ravel().tolist(), "bias": bias.tolist()}
     content = {"device_type": request.options["device_type"], "imus": [imu]}
 
-    def write(header: Sequence[str]) -> str:
-        return json.dumps({"comment": "\n".join(header), **content}, indent=4) + "\n"
-
     missing = [name for kind, name in _KINDS if kind not in triads]
     return Rendering(
         shared.by_triad(request.model, corrections),
-        write,
+        shared.json_with_comment(content, 4),
         ("out = S in - bias; scale_and_alignment is S column by column",),
         "readings of the camera without motion correction, in m/s^2 and rad/s",
         (
@@ -160,7 +147,7 @@ def _render_realsense(request: Request) -> Rendering:
 
 
 def _read_realsense(text: str, options: Mapping[str, Any]) -> StatedCalibration:
-    triads: dict[str, StatedTriad] = {}
+    triads: dict[Measures, StatedTriad] = {}
     notes: list[str] = []
     for kind, name in _KINDS:
         one = shared.json_section(text, "a calibration.json of RealSense", "imus", 0, name)
@@ -172,14 +159,14 @@ def _read_realsense(text: str, options: Mapping[str, Any]) -> StatedCalibration:
                 "the RealSense tool estimates neither the scale nor the misalignments of gyros"
             )
         triads[kind] = triad
-    return StatedCalibration(triads["f"], triads["w"], notes=tuple(notes))
+    return StatedCalibration(triads, notes=tuple(notes))
 
 
 REALSENSE = Target(
     "realsense",
     "RealSense calibration.json of the IMU",
     ".json",
-    {"f": shared.MATRIX, "w": shared.MATRIX},
+    shared.MATRICES,
     _render_realsense,
     (_DEVICE,),
 )

@@ -27,15 +27,8 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, require_extra
 from inercal.basics.small_files import read_small_file
 from inercal.export.model import ExportModel
-from inercal.export.target_definition import (
-    CalibrationReader,
-    Rendering,
-    Request,
-    StatedCalibration,
-    StatedTriad,
-    Target,
-    TargetOption,
-)
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
 from inercal.export.term_kinds import TermKind
 from inercal.physics import frames
@@ -162,7 +155,7 @@ def _rendering(
 
 def frame_remark(turn: Array) -> str:
     """State the rotation Q, (3, 3), from the frame of the calibration to the frame of a file."""
-    rows = "; ".join(shared.row_text(row, 12) for row in turn)
+    rows = "; ".join(", ".join(shared.number(x, 12) for x in row) for row in turn)
     return (
         f"frame of this file: f_file = Q f_calibration, w_file = Q w_calibration, with Q = [{rows}]"
     )
@@ -268,8 +261,10 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     turn = _matrix(rate, "C_gyro_i")
     arms = [f"{arm} = {force[arm]} m" for arm in ("rx_i", "ry_i", "rz_i") if arm in force]
     return StatedCalibration(
-        StatedTriad(matrix=matrix),
-        StatedTriad(matrix=gyro @ turn, sensitivity=_matrix(rate, "A") @ turn),
+        {
+            "f": StatedTriad(matrix=matrix),
+            "w": StatedTriad(matrix=gyro @ turn, sensitivity=_matrix(rate, "A") @ turn),
+        },
         frame="triangular",
         notes=(
             "Kalibr states no biases",

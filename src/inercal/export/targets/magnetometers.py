@@ -23,15 +23,8 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
 from inercal.export.parameter_files import assumed_note
-from inercal.export.target_definition import (
-    CalibrationReader,
-    Rendering,
-    Request,
-    StatedCalibration,
-    StatedTriad,
-    Target,
-    TargetOption,
-)
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
 from inercal.export.targets.c_headers import literal
 
@@ -139,12 +132,10 @@ def _stated(matrix: Array, bias: Array, *notes: str, unit: str | None = None) ->
     if np.linalg.cond(matrix) > 1 / np.finfo(np.float32).eps:
         raise InputError("the matrix has no inverse, so it cannot be a correction")
     return StatedCalibration(
-        None,
-        None,
+        {"m": StatedTriad(matrix=shared.inverse(matrix), bias=bias)},
         output=unit is not None,
         units=None if unit is None else ("", "", unit),
         notes=notes,
-        magnetometer=StatedTriad(matrix=shared.inverse(matrix), bias=bias),
     )
 
 

@@ -22,20 +22,13 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.export.parameter_files import parameter_calibration, stated_parameters
 from inercal.export.ranges import temperature_limits
-from inercal.export.target_definition import (
-    DEVICE_ID,
-    CalibrationReader,
-    Rendering,
-    Request,
-    StatedCalibration,
-    StatedTriad,
-    Target,
-    TargetOption,
-)
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.target_definition import DEVICE_ID, Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
+from inercal.physics.quantities import Measures
 
 _INTEGER, _REAL = 6, 9  # MAV_PARAM_TYPE
-_NAMES = {"f": ("ACC", "A"), "w": ("GYRO", "G"), "m": ("MAG", "M")}
+_NAMES: dict[Measures, tuple[str, str]] = {"f": ("ACC", "A"), "w": ("GYRO", "G"), "m": ("MAG", "M")}
 _IDS = {"f": "acc_id", "w": "gyro_id", "m": "mag_id"}
 _GAUSS = 1e-4  # T
 _MAG_SCALES = (0.1, 3.0)  # range of CAL_MAGn_XSCALE in its definition
@@ -141,7 +134,7 @@ def _render(request: Request) -> Rendering:
         formula = [
             "accelerometer: f = SCALE * (raw - thermal - OFF); gyro: w = raw - thermal - OFF"
         ]
-    if model.magnetometer is not None:
+    if model.triad("m") is not None:
         reads = (
             "readings of the driver, axes of the sensor before the board's rotation, in SI: PX4 "
             "itself computes with gauss, 1e-4 T"
@@ -170,7 +163,7 @@ def _render(request: Request) -> Rendering:
 def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     known = stated_parameters(text, "PX4")
     n = options["instance"]
-    triads: dict[str, StatedTriad] = {}
+    triads: dict[Measures, StatedTriad] = {}
     references: set[float] = set()
     for kind, (word, letter) in _NAMES.items():
         stem = f"CAL_{word}{n}_"
@@ -186,12 +179,8 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             raise InputError(f"{stem}XSCALE … ZSCALE contain a 0, but they must be near 1")
         powers = np.zeros((0, 3))
         if (thermal := _thermal_set(known, letter, known.get(f"{stem}ID"))) is not None:
-            table = np.array(
-                [
-                    [known.value(f"{thermal}X{k}_{a}", 0.0) for a in range(3)]
-                    for k in range(_ORDERS + 1)
-                ]
-            )
+            names = [[f"{thermal}X{k}_{a}" for a in range(3)] for k in range(_ORDERS + 1)]
+            table = np.array([[known.value(name, 0.0) for name in row] for row in names])
             bias, powers = bias + table[0], table[1:]
             references.add(known.value(f"{thermal}TREF", 25.0) + ZERO_CELSIUS)
         triads[kind] = StatedTriad(

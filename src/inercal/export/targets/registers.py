@@ -27,7 +27,6 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.export.target_definition import STEP, Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
-from inercal.export.term_kinds import TermKind
 
 REGISTERS = {"f": 25, "w": 84}
 
@@ -61,11 +60,7 @@ def _render_vectornav(request: Request) -> Rendering:
 
 
 VECTORNAV = Target(
-    "vectornav",
-    "VectorNav compensation registers",
-    ".txt",
-    {"f": shared.MATRIX, "w": shared.MATRIX},
-    _render_vectornav,
+    "vectornav", "VectorNav compensation registers", ".txt", shared.MATRICES, _render_vectornav
 )
 
 
@@ -95,7 +90,6 @@ OPTIONS = (
     TargetOption("bias_bits", "bits of a bias register", required=True, kind=int, limits=(2, 64)),
 )
 _KINDS = {"f": ("acc_bias_lsb", "ACCL", "A"), "w": ("gyro_bias_lsb", "GYRO", "G")}
-_HELD: frozenset[TermKind] = frozenset({"bias", "scale"})
 
 
 def _render_adis(request: Request) -> Rendering:
@@ -131,7 +125,7 @@ def _render_adis(request: Request) -> Rendering:
             "check the order and the sizes in the data sheet of the part, because inercal does "
             "not know them",
         ),
-        holds=dict.fromkeys("fw", _HELD if step is not None else frozenset({"bias"})),
+        holds=dict.fromkeys("fw", shared.BIAS if step is None else shared.BIAS_AND_SCALE),
     )
 
 
@@ -156,4 +150,4 @@ def _correction(factor: Array, bias: Array, first: str):
 
 
 ADIS = Target("adis", "Analog Devices ADIS16xxx scale and bias registers", ".csv",
-                {"f": _HELD, "w": _HELD}, _render_adis, OPTIONS)  # fmt: skip
+                dict.fromkeys("fw", shared.BIAS_AND_SCALE), _render_adis, OPTIONS)  # fmt: skip

@@ -45,11 +45,7 @@ def module_text(code: CodeModel, header: Sequence[str]) -> str:
         "    motion = _apply(start)",
     ]
     if code.takes_temperature:
-        at = "temperature"
-        if code.limits is not None:
-            low, high = map(_python_number, code.limits)
-            at = f"min(max(temperature, {low}), {high})"
-        lines.append(f"    dT = {at} - {_python_number(code.reference)}")
+        lines.append(_difference(code, "temperature", dialect))
     if any(channels):
         lines += [
             f"    for _ in range({code.passes}):",
@@ -69,6 +65,14 @@ def module_text(code: CodeModel, header: Sequence[str]) -> str:
         lines += ["    return ("]
         lines += [f"        {text or '0.0'}," for text in channels] + ["    )"]
     return "\n".join(lines) + "\n"
+
+
+def _difference(code: CodeModel, at: str, dialect: Dialect) -> str:
+    """Return the line with the temperature difference, limited to the range if one is stated."""
+    if code.limits is not None:
+        low, high = map(dialect.number, code.limits)
+        at = f"min(max({at}, {low}), {high})"
+    return f"    dT = {at} - {dialect.number(code.reference)}"
 
 
 def _matlab_number(value: float) -> str:
@@ -96,34 +100,27 @@ def _render_matlab(request: Request) -> Rendering:
             "    motion = (reading - offset) * C';",
         ]
         if code.takes_temperature:
-            at = "temperature(:)"
-            if code.limits is not None:
-                low, high = map(_matlab_number, code.limits)
-                at = f"min(max(temperature(:), {low}), {high})"
-            lines.append(f"    dT = {at} - {_matlab_number(code.reference)};")
+            lines.append(f"{_difference(code, 'temperature(:)', dialect)};")
         if code.passes:
             variables, channels = statements(code.model, dialect)
             lines.append(f"    for pass = 1:{code.passes}")
             lines += [f"        {name} = {expression};" for name, expression in variables.items()]
             lines.append("        extra = zeros(size(reading));")
-            lines += [
-                f"        extra(:, {k}) = {text};"
-                for k, text in enumerate(channels, start=1)
-                if text
-            ]
+            numbered = enumerate(channels, start=1)
+            lines += [f"        extra(:, {k}) = {text};" for k, text in numbered if text]
             lines += ["        motion = (reading - offset - extra) * C';", "    end"]
         return "\n".join([*lines, "end"]) + "\n"
 
     remarks = [f"the name of this file must be {request.name}_correct.m"]
     complete = len(code.model.zero) == len(code.model.gain)
-    if complete and not code.passes and code.model.accelerometer is not None:
+    if complete and not code.passes and code.model.triad("f") is not None:
         bias = -(code.model.zero[:3] @ code.model.gain[:3, :3].T)
         remarks.append(
             "for U*A + b of accelcal (Navigation Toolbox), accelerometers: A = C(1:3,1:3)', b = ["
             + ", ".join(map(number, bias))
             + "]"
         )
-    field = code.model.magnetometer
+    field = code.model.triad("m")
     if complete and not code.passes and field is not None:
         rows = f"{len(code.model.gain) - 2}:{len(code.model.gain)}"
         offset = code.model.zero[-3:]

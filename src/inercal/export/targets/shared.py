@@ -9,12 +9,16 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.export.model import ExportModel, Triad
-from inercal.export.target_definition import StatedTriad, TargetOption
+from inercal.export.reader_definition import StatedTriad
+from inercal.export.target_definition import TargetOption
 from inercal.export.term_kinds import TermKind
 from inercal.physics import frames
 
-MATRIX: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment"})
+BIAS: frozenset[TermKind] = frozenset({"bias"})
+BIAS_AND_SCALE: frozenset[TermKind] = frozenset({*BIAS, "scale"})
+MATRIX: frozenset[TermKind] = frozenset({*BIAS_AND_SCALE, "misalignment"})
 MATRIX_AND_G: frozenset[TermKind] = frozenset({*MATRIX, "g"})
+MATRICES = {"f": MATRIX, "w": MATRIX}
 # Flight controllers support these terms: no cross-axis terms, and no gyro scale factors.
 PARAMETERS: dict[str, frozenset[TermKind]] = {
     "f": frozenset({"bias", "scale", "bias_temperature"}),
@@ -50,11 +54,6 @@ def yaml_number(value: float, digits: int = 9) -> str:
 def yaml_row(values: Sequence[float] | Array, digits: int = 9) -> str:
     """Return numbers in YAML format, separated by commas."""
     return ", ".join(yaml_number(x, digits) for x in values)
-
-
-def row_text(values: Sequence[float] | Array, digits: int = 9) -> str:
-    """Return numbers as text, separated by commas."""
-    return ", ".join(number(x, digits) for x in values)
 
 
 def written(values: Array, digits: int = 9) -> Array:
@@ -98,6 +97,13 @@ def comments(lines: Sequence[str], mark: str) -> str:
 def with_comments(body: str) -> Callable[[Sequence[str]], str]:
     """Return a function that writes a file body below an explanation in # comment lines."""
     return lambda header: comments(header, "#") + body
+
+
+def json_with_comment(content: Mapping[str, Any], indent: int) -> Callable[[Sequence[str]], str]:
+    """Return a function that writes a JSON object with the explanation as its first key."""
+    return lambda header: (
+        json.dumps({"comment": "\n".join(header), **content}, indent=indent) + "\n"
+    )
 
 
 def needed(

@@ -34,15 +34,8 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
-from inercal.export.target_definition import (
-    CalibrationReader,
-    Rendering,
-    Request,
-    StatedCalibration,
-    StatedTriad,
-    Target,
-    TargetOption,
-)
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
 
 _TK_COUNT = 21  # numbers: T and K row by row, then B
@@ -97,16 +90,13 @@ def _read_imu_tk(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     correction = matrix @ scale
     if abs(np.linalg.det(correction)) == 0:
         raise InputError("T K has no inverse; restore the file")
-    triad = StatedTriad(
-        matrix=np.asarray(np.linalg.inv(correction), dtype=float), bias=numbers[18:]
-    )
+    triad = StatedTriad(matrix=shared.inverse(correction), bias=numbers[18:])
     accelerometer = options["part"] == "accelerometer"
     # If the lower triangle is zero, this is imu_tk's own frame, defined by the accelerometers'
     # axes.
     own = accelerometer and not np.tril(matrix, -1).any()
     return StatedCalibration(
-        triad if accelerometer else None,
-        None if accelerometer else triad,
+        {"f" if accelerometer else "w": triad},
         own_frame=own,
         output=True,
         notes=("turned from imu_tk's frame, z along the z axis, to x along the x axis",) * own,
@@ -114,7 +104,7 @@ def _read_imu_tk(text: str, options: Mapping[str, Any]) -> StatedCalibration:
 
 
 IMU_TK = Target("imu_tk", "imu_tk .calib of one triad", ".calib",
-                {"f": shared.MATRIX, "w": shared.MATRIX}, _render_imu_tk, _TK_OPTIONS)  # fmt: skip
+                shared.MATRICES, _render_imu_tk, _TK_OPTIONS)  # fmt: skip
 IMU_TK_READER = CalibrationReader("imu_tk", "imu_tk .calib", _read_imu_tk, _TK_OPTIONS)
 
 
@@ -125,7 +115,9 @@ def _render_imu_calib(request: Request) -> Rendering:
     bias = shared.written(triad.correction @ triad.bias, 12)
 
     rows = ",\n     ".join(shared.yaml_row(row, 12) for row in matrix)
-    gyros = ("gyros are not corrected: imu_calib uses a mean at rest",) * (model.gyro is not None)
+    gyros = ("gyros are not corrected: imu_calib uses a mean at rest",) * (
+        model.triad("w") is not None
+    )
     return Rendering(
         shared.by_triad(model, {"f": lambda y, dT: y @ matrix.T - bias}),
         shared.with_comments(f"SM: [{rows}]\nbias: [{shared.yaml_row(bias, 12)}]\n"),
@@ -218,8 +210,7 @@ def _read_imucal(text: str, options: Mapping[str, Any]) -> StatedCalibration:
         sensitivity=arrays["K_ga"] / force,
     )
     return StatedCalibration(
-        acc,
-        gyro,
+        {"f": acc, "w": gyro},
         output=True,
         units=(_UNITS.get(raw[0], raw[0]), _UNITS.get(raw[1], raw[1])),
         notes=(f"readings in {raw[0]} and {raw[1]}",),

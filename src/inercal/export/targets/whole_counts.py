@@ -22,16 +22,8 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.export.parameter_files import assumed_note
-from inercal.export.target_definition import (
-    STEP,
-    CalibrationReader,
-    Rendering,
-    Request,
-    StatedCalibration,
-    StatedTriad,
-    Target,
-    TargetOption,
-)
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.target_definition import STEP, Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
 from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import G0
@@ -123,7 +115,7 @@ def _render_betaflight(request: Request) -> Rendering:
         "the axes must be those of the board, because Betaflight subtracts the zeros after the "
         "alignment of the sensor and of the board (use --axes)",
         *("Betaflight has no settings for gyros; it measures their zeros at each start",)
-        * (model.gyro is not None),
+        * (model.triad("w") is not None),
     )
 
 
@@ -198,7 +190,7 @@ def _imported(
         missing = " or ".join(f"--set {name}=… ({_COUNTS[kind].meaning})"
                               for kind, name in zip(stated, names, strict=True))  # fmt: skip
         raise InputError(f"{program} needs {missing}", key="--set", names=tuple(names))
-    triads: dict[str, StatedTriad] = {}
+    triads: dict[Measures, StatedTriad] = {}
     more: list[str] = []
     for kind, (zero, diagonal) in stated.items():
         if options[_COUNTS[kind].name] is None:
@@ -212,9 +204,7 @@ def _imported(
         bias = np.array(zero) * _step(kind, options, program)
         triads[kind] = StatedTriad(bias=bias, scale=diagonal)
     return StatedCalibration(
-        triads.get("f"),
-        triads.get("w"),
-        magnetometer=triads.get("m"),
+        triads,
         notes=(*notes, *more, f"{program} states whole counts and no misalignment"),
     )
 
@@ -265,26 +255,12 @@ def _read_inav(text: str, options: Mapping[str, Any]) -> StatedCalibration:
 
 _BETAFLIGHT_OPTIONS = (_COUNTS["f"], _COUNTS["m"])
 _INAV_OPTIONS = tuple(_COUNTS.values())
+_ZEROS = {"f": shared.BIAS, "m": shared.BIAS}
+_GAINS = {"f": shared.BIAS_AND_SCALE, "w": shared.BIAS, "m": shared.BIAS_AND_SCALE}
 BETAFLIGHT = Target(
-    "betaflight",
-    "Betaflight CLI commands",
-    ".txt",
-    {"f": frozenset({"bias"}), "m": frozenset({"bias"})},
-    _render_betaflight,
-    _BETAFLIGHT_OPTIONS,
+    "betaflight", "Betaflight CLI commands", ".txt", _ZEROS, _render_betaflight, _BETAFLIGHT_OPTIONS
 )
-INAV = Target(
-    "inav",
-    "INAV CLI commands",
-    ".txt",
-    {
-        "f": frozenset({"bias", "scale"}),
-        "w": frozenset({"bias"}),
-        "m": frozenset({"bias", "scale"}),
-    },
-    _render_inav,
-    (*_INAV_OPTIONS, _GRAVITY),
-)
+INAV = Target("inav", "INAV CLI commands", ".txt", _GAINS, _render_inav, (*_INAV_OPTIONS, _GRAVITY))
 BETAFLIGHT_READER = CalibrationReader(
     "betaflight", "Betaflight CLI output", _read_betaflight, _BETAFLIGHT_OPTIONS
 )

@@ -193,6 +193,10 @@ class BudgetDeviations:
     monte_carlo: Array
     error: Array
 
+    def of(self, k: int) -> tuple[float, float, float]:
+        """Return the three numbers of coefficient k."""
+        return float(self.first_order[k]), float(self.monte_carlo[k]), float(self.error[k])
+
 
 @dataclass(frozen=True, eq=False)
 class Budget:

@@ -49,7 +49,7 @@ def contribution_rows(budget: Budget, k: int) -> list[BudgetRow]:
     the total is the root sum of squares.
     """
     si = budget.unit_size(k)
-    total = float(budget.total.monte_carlo[k]) / si
+    total_linear, total, total_error = (x / si for x in budget.total.of(k))
     rows: list[BudgetRow] = []
     small: list[tuple[float, float]] = []
 
@@ -63,10 +63,7 @@ def contribution_rows(budget: Budget, k: int) -> list[BudgetRow]:
         )
 
     for imperfection, deviations in budget.sorted_contributions(k):
-        linear, size, error = (
-            float(x[k]) / si
-            for x in (deviations.first_order, deviations.monte_carlo, deviations.error)
-        )
+        linear, size, error = (x / si for x in deviations.of(k))
         if max(linear, size) < _SMALL * total:
             small.append((linear, size))
             continue
@@ -77,16 +74,15 @@ def contribution_rows(budget: Budget, k: int) -> list[BudgetRow]:
         name = format_count(len(small), "other")
         first, all_ = (format_number(x, 2) if x > _SHOWN * total else "0" for x in (linear, size))
         rows.append(BudgetRow(name, "", first, all_, "", share(size), "others", size, linear))
-    linear, error = (float(x[k]) / si for x in (budget.total.first_order, budget.total.error))
-    shown = cells(linear, total, error)
-    rows.append(BudgetRow("total", "", *shown, 1.0, "total", total, linear))
+    shown = cells(total_linear, total, total_error)
+    rows.append(BudgetRow("total", "", *shown, 1.0, "total", total, total_linear))
     return rows
 
 
 def uncertainty_and_bias_cells(budget: Budget, k: int) -> tuple[str, str, str]:
     """Return the stated uncertainty, the Monte Carlo bias, and the standard error of the bias."""
     si = budget.unit_size(k)
-    total, error = float(budget.total.monte_carlo[k]), float(budget.total.error[k])
+    _, total, error = budget.total.of(k)
     bias = format_value_and_uncertainty(float(budget.bias[k]) / si, total / si / budget.trials**0.5)
     return format_value_and_uncertainty(float(budget.stated[k]) / si, error / si)[0], *bias
 
@@ -138,8 +134,5 @@ def budget_as_dict(budget: Budget) -> dict[str, Any]:
 
 
 def _deviations_as_dict(deviations: BudgetDeviations, k: int) -> dict[str, float]:
-    return {
-        "first_order": float(deviations.first_order[k]),
-        "monte_carlo": float(deviations.monte_carlo[k]),
-        "monte_carlo_error": float(deviations.error[k]),
-    }
+    names = ("first_order", "monte_carlo", "monte_carlo_error")
+    return dict(zip(names, deviations.of(k), strict=True))

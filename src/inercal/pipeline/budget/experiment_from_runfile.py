@@ -35,18 +35,16 @@ def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment
     """
     if run.method.unknown_attitudes and not free_attitudes:
         raise InputError(
-            f"{run.path}: a budget needs a plan with attitudes, but method {run.method.name} "
-            "estimates attitudes from the recording; use inercal plan, which simulates a recording",
-            file=run.path,
+            f"a budget needs a plan with attitudes, but method {run.method.name} estimates "
+            "attitudes from the recording; use inercal plan, which simulates a recording",
             key="[method] name",
-        )
+        ).located(run.path)
     if run.kind.rows_of_table and run.data.kind == "means" and not run.has_plan_keys:
         raise InputError(
-            f"{run.path}: a budget needs a plan, but the run file names a table: state [method] "
-            "attitudes, rates or turns",
-            file=run.path,
+            "a budget needs a plan, but the run file names a table: state [method] attitudes, "
+            "rates or turns",
             key="[method]",
-        )
+        ).located(run.path)
     with error_location(run.path):
         refuse_temperature_terms_in_plan(run.sensor)
         steps = tuple(run.kind.fitted(run.steps))

@@ -174,11 +174,7 @@ class Experiment:
         """Return the qualified parameters to draw, and the Cholesky root of their covariance."""
         known: QualifiedParameters = getattr(self.bench, "qualified", NOT_QUALIFIED)
         declared = self.bench_parameters
-        names = [
-            name
-            for name in known.names
-            if name in declared and declared[name].scope == "run" and declared[name].sd > 0
-        ]
+        names = known.acting(declared)
         covariance = known.joint_covariance([declared[name] for name in names])
         return names, np.asarray(np.linalg.cholesky(covariance), dtype=float)
 

@@ -80,21 +80,19 @@ def write_bundle(run_file: Path, calibration_file: Path, target: Path) -> list[s
         stated = calibration.provenance.get(f"{what} sha256", "")
         if path.is_file() and stated != file_sha256(path):
             raise InputError(
-                f"{calibration_file}: the calibration is from another {what} than {path}; "
-                "calibrate again, or give the files that it came from",
-                file=calibration_file,
+                f"the calibration is from another {what} than {path}; calibrate again, or give "
+                "the files that it came from",
                 names=(str(path),),
-            )
+            ).located(calibration_file)
     folder = run_file.resolve().parent
     named: dict[str, Path] = {}
     for path in run.input_files():
         if not path.resolve().is_relative_to(folder):
             raise InputError(
-                f"{run_file}: {path} is outside the folder of the run file; copy it into that "
-                "folder and name the copy",
-                file=run_file,
+                f"{path} is outside the folder of the run file; copy it into that folder and name "
+                "the copy",
                 names=(str(path),),
-            )
+            ).located(run_file)
         named[path.resolve().relative_to(folder).as_posix()] = path
     named[f"result/{calibration_file.name}"] = calibration_file
     hashes = {name: file_sha256(path) for name, path in named.items()}
@@ -160,10 +158,9 @@ def _extract(path: Path, folder: Path) -> dict[str, Any]:
             need = sum(one["bytes"] for one in manifest["files"].values())
             if need > shutil.disk_usage(folder).free:
                 raise InputError(
-                    f"{path}: its files take {need / 1e9:.1f} GB, more than is free in {folder}"
-                    "; set TMPDIR to a folder with more space",
-                    file=path,
-                )
+                    f"its files take {need / 1e9:.1f} GB, more than is free in {folder}; set "
+                    "TMPDIR to a folder with more space"
+                ).located(path)
             for name, one in manifest["files"].items():
                 target = folder / name
                 target.parent.mkdir(parents=True, exist_ok=True)
@@ -180,10 +177,9 @@ def _extract(path: Path, folder: Path) -> dict[str, Any]:
 
 def _manifest(archive: ZipFile, path: Path) -> dict[str, Any]:
     other = InputError(
-        f"{path}: not an inercal bundle: it has no {MANIFEST} of {SCHEMA}; give a file that "
-        "`inercal bundle` wrote",
-        file=path,
-    )
+        f"not an inercal bundle: it has no {MANIFEST} of {SCHEMA}; give a file that `inercal "
+        "bundle` wrote"
+    ).located(path)
     names = archive.namelist()
     if MANIFEST not in names or archive.getinfo(MANIFEST).file_size > _LARGEST_MANIFEST:
         raise other
@@ -206,17 +202,14 @@ def _manifest(archive: ZipFile, path: Path) -> dict[str, Any]:
         parts = PurePosixPath(name).parts
         if name.startswith("/") or ".." in parts or "\\" in name or ":" in name or not parts:
             raise InputError(
-                f"{path}: the bundle names {name!r}, which is outside the bundle, so the bundle is "
-                "not used",
-                file=path,
+                f"the bundle names {name!r}, which is outside the bundle, so the bundle is not "
+                "used",
                 names=(name,),
-            )
+            ).located(path)
     return manifest
 
 
 def _damaged(path: Path, name: str) -> InputError:
     return InputError(
-        f"{path}: {name} is not the file that was bundled: its SHA-256 or its size differs",
-        file=path,
-        names=(name,),
-    )
+        f"{name} is not the file that was bundled: its SHA-256 or its size differs", names=(name,)
+    ).located(path)

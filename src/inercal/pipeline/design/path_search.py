@@ -20,6 +20,7 @@ from inercal.benches.turntable import Turntable, is_turntable
 from inercal.benches.turntable.paths import quarter_turn_path, systematic_path
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.physics.plan import Position, TableStep
+from inercal.physics.section_settings import key_error
 from inercal.pipeline.design.turntable_path import path_uncertainties
 from inercal.runfile import Run
 
@@ -27,6 +28,7 @@ _REST_SECONDS = (20.0, 30.0, 40.0, 60.0)
 _LEAST_RESTS = 9
 _RATE = 10.0  # Hz, sampling rate when plans are judged
 _QUARTERS = 4
+_ONLY = "only paths for method systematic on a three-axis table can be optimised"
 _MIDDLE, _INNER = 1, 2
 
 Turn = tuple[int, int]
@@ -78,18 +80,11 @@ def search_path(
         If no path determines all coefficients.
     """
     if not is_turntable(run.bench):
-        raise InputError(
-            f"--optimise: a bench of kind {run.kind.name} has no path; only paths for method "
-            "systematic on a three-axis table can be optimised",
-            key="--optimise",
-        )
+        raise key_error("--optimise", f"a bench of kind {run.kind.name} has no path; {_ONLY}")
     bench = run.bench
     if not run.method.without_angles or len(bench.names) != len("xyz"):
-        raise InputError(
-            f"--optimise: method {run.method.name} on a table with axes {bench.axes}: only paths "
-            "for method systematic on a three-axis table can be optimised",
-            key="--optimise",
-        )
+        here = f"method {run.method.name} on a table with axes {bench.axes}"
+        raise key_error("--optimise", f"{here}: {_ONLY}")
     rng = np.random.default_rng(seed)
     found = [
         (_cost(run, steps), rest, turns)
@@ -98,10 +93,10 @@ def search_path(
         for steps in (_steps(turns, rest),)
     ]
     if not found:
-        raise InputError(
-            f"--optimise: {seconds:.0f} s is too short for {_LEAST_RESTS} rests of "
-            f"{_REST_SECONDS[0]:g} s with their turns; give more time",
-            key="--optimise",
+        raise key_error(
+            "--optimise",
+            f"{seconds:.0f} s is too short for {_LEAST_RESTS} rests of {_REST_SECONDS[0]:g} s with "
+            "their turns; give more time",
         )
     best, rest, turns = min(found, key=lambda one: one[0])
     for tried in range(len(found), trials):

@@ -22,17 +22,13 @@ from inercal.methods import AddMagnetometers, Fit
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
 from inercal.physics.plan import Hold, Step, Turn, with_second_azimuths
 from inercal.physics.quantities import QUANTITIES
+from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.pipeline import read_out
 from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
-from inercal.recordings import Mark, Observations, Recording
+from inercal.recordings import Mark, Observations, Recording, segments
 from inercal.recordings.data.recording_loader import stated_deviations
 from inercal.recordings.magnetic import MagneticReadings
-from inercal.recordings.segments import (
-    average_sections,
-    marks_from_labels,
-    transitions_between_rests,
-)
 from inercal.recordings.segments.magnetic_means import average_magnetometers, average_pieces
 from inercal.runfile import Run
 
@@ -86,10 +82,9 @@ def estimate_of_plan(run: Run, rows: str) -> Estimate:
         raise error.located(run.path) from None
     if not (np.all(estimate.converged) and np.isfinite(estimate.covariance).all()):
         raise InputError(
-            f"{run.path}: estimator {run.estimator} has no result for this plan; check the stated "
-            "noise and [sensor.truth]",
-            file=run.path,
-        )
+            f"estimator {run.estimator} has no result for this plan; check the stated noise and "
+            "[sensor.truth]"
+        ).located(run.path)
     return estimate
 
 
@@ -177,12 +172,8 @@ def rehearse_plan(
             key="[method] name",
         )
     if run.rate_hz is None:
-        raise InputError(
-            f'{run.path}: [data] rate is missing; add it for the simulation, such as rate = "100 '
-            'Hz"',
-            file=run.path,
-            key="[data] rate",
-        )
+        reason = 'is missing; add it for the simulation, such as rate = "100 Hz"'
+        raise key_error("[data] rate", reason, run.path)
     return _rehearsed(run, sessions, executor)
 
 
@@ -220,9 +211,7 @@ def _rehearsed(run: Run, sessions: int, executor: Executor | None) -> RehearsalR
     for axis in sensor.axes:
         if not axis.noise.white:
             key = f"[sensor.{QUANTITIES[axis.measures].sensor}] white"
-            raise InputError(
-                f"{run.path}: {key} is missing; add it for the simulation", file=run.path, key=key
-            )
+            raise key_error(key, "is missing; add it for the simulation", run.path)
     rehearsal = _Rehearsal(
         run.kind.simulate, run.bench, steps, run.kind.steps, run.sensor, run.priors,
         run.method.estimator(run.estimator), run.rate_hz, run.magnetometer,
@@ -263,9 +252,9 @@ class _Rehearsal:
         recording = self._recording(np.random.default_rng(seed))
         holds = tuple(step for step in self.steps if isinstance(step, Hold))
         marks = _trimmed_marks(recording)
-        seen = average_sections(recording, self.sensor, marks, holds, by_hand=self.free)
+        seen = segments.average_sections(recording, self.sensor, marks, holds, by_hand=self.free)
         if self.free and self.sensor.select_axes("w").axes:
-            turns = transitions_between_rests(recording, self.sensor, marks)
+            turns = segments.transitions_between_rests(recording, self.sensor, marks)
             seen = replace(seen, transitions=turns)
         estimate = self.estimator(seen, self.sensor, self.bench, self.steps, self.priors)
         count = len(self.sensor.coefficients)
@@ -302,7 +291,5 @@ class _Rehearsal:
 def _trimmed_marks(recording: Recording) -> tuple[Mark, ...]:
     # The hand is not steady just after it arrives and just before it leaves.
     trim = round(_SETTLING * recording.rate_hz)
-    return tuple(
-        replace(mark, start=mark.start + trim, stop=mark.stop - trim)
-        for mark in marks_from_labels(recording)
-    )
+    marks = segments.marks_from_labels(recording)
+    return tuple(replace(m, start=m.start + trim, stop=m.stop - trim) for m in marks)

@@ -225,9 +225,7 @@ def ideal_track(
     result = motion(bench, angles, rates, accelerations, {})
     reading = run.sensor.forward(result, np.zeros(len(run.sensor.coefficients)))
     section = np.searchsorted(way.ends, time)
-    held = [
-        k for k, k_step in enumerate(_section_steps(way, steps)) if isinstance(k_step, Position)
-    ]
+    held = [k for k, step in enumerate(_section_steps(way, steps)) if isinstance(step, Position)]
     begun = time - np.append(0.0, way.ends)[section] >= _SETTLING * (section > 0)
     hold = np.where(np.isin(section, held) & begun, section, -1)
     return Track(time, reading, angles, hold)

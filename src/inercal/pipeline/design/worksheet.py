@@ -11,12 +11,7 @@ from inercal.estimation import Estimate
 from inercal.methods.dual_orthogonal import well_determined_sums
 from inercal.physics.sensors import Sensor
 from inercal.pipeline.budget.experiment_from_runfile import omitted_drift_notes
-from inercal.pipeline.design.plan_rehearsal import (
-    ExpectedUncertainty,
-    estimate_of_plan,
-    estimated_uncertainties,
-    magnetometer_uncertainties,
-)
+from inercal.pipeline.design import plan_rehearsal
 from inercal.recordings.data.recording_loader import refuse_repeated_columns
 from inercal.runfile import Run
 
@@ -38,8 +33,8 @@ class Worksheet:
 
     run: Run
     sheet: Sheet
-    expected: tuple[ExpectedUncertainty, ...]
-    together: tuple[ExpectedUncertainty, ...]
+    expected: tuple[plan_rehearsal.ExpectedUncertainty, ...]
+    together: tuple[plan_rehearsal.ExpectedUncertainty, ...]
 
 
 def run_sheet(run: Run) -> Sheet:
@@ -52,10 +47,9 @@ def run_sheet(run: Run) -> Sheet:
     """
     if run.kind.sheet is None:
         raise InputError(
-            f"{run.path}: a bench of kind {run.kind.name} has no worksheet; use another bench",
-            file=run.path,
+            f"a bench of kind {run.kind.name} has no worksheet; use another bench",
             key="[bench] kind",
-        )
+        ).located(run.path)
     sheet, temperature = run.kind.sheet(run), run.data.temperature
     if temperature is None or temperature in sheet.columns:
         return sheet
@@ -75,10 +69,10 @@ def build_worksheet(run: Run) -> Worksheet:
     """
     sheet = run_sheet(run)
     sheet = replace(sheet, notes=(*sheet.notes, *omitted_drift_notes(run)))
-    estimate = estimate_of_plan(run, run.kind.words.rows)
+    estimate = plan_rehearsal.estimate_of_plan(run, run.kind.words.rows)
     sums = _sum_uncertainties(estimate, run.sensor, run.bench.gravity.value) if sheet.sums else ()
-    expected = estimated_uncertainties(estimate, run.sensor)
-    return Worksheet(run, sheet, (*expected, *magnetometer_uncertainties(run)), sums)
+    expected = plan_rehearsal.estimated_uncertainties(estimate, run.sensor)
+    return Worksheet(run, sheet, (*expected, *plan_rehearsal.magnetometer_uncertainties(run)), sums)
 
 
 def worksheet_csv(made: Worksheet) -> str:
@@ -116,12 +110,11 @@ def table_rows(run: Run, sheet: Sheet) -> list[list[str]]:
     for column in columns:
         if isinstance(column, int):
             raise InputError(
-                f"{run.path}: [data] gives column {column} by its number, but a worksheet needs "
-                "names: replace the number by a name",
-                file=run.path,
+                f"[data] gives column {column} by its number, but a worksheet needs names: "
+                "replace the number by a name",
                 key="[data]",
                 names=(str(column),),
-            )
+            ).located(run.path)
     names = [str(column) for column in columns]
     refuse_repeated_columns(run, names)
     rows = [[*row.given, *[""] * (len(columns) - len(row.given))] for row in sheet.rows]
@@ -130,9 +123,9 @@ def table_rows(run: Run, sheet: Sheet) -> list[list[str]]:
 
 def _sum_uncertainties(
     estimate: Estimate, sensor: Sensor, g: float
-) -> tuple[ExpectedUncertainty, ...]:
+) -> tuple[plan_rehearsal.ExpectedUncertainty, ...]:
     lines = [(one, sensor.coefficient(one.terms[0])) for one in well_determined_sums(estimate, g)]
     return tuple(
-        ExpectedUncertainty(one.name, one.meaning, line.unit, line.si, one.sd)
+        plan_rehearsal.ExpectedUncertainty(one.name, one.meaning, line.unit, line.si, one.sd)
         for one, line in lines
     )

@@ -16,6 +16,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_count
 from inercal.physics.section_settings import measured_constant
+from inercal.pipeline.drafts import rate_tables
 from inercal.pipeline.drafts.clock_keys import clock_keys, suggest_rate
 from inercal.pipeline.drafts.column_names import is_reversed
 from inercal.pipeline.drafts.column_roles import (
@@ -41,34 +42,29 @@ from inercal.pipeline.drafts.draft_sections import (
     arm_rate_unit,
     bench_keys,
     data_keys,
-    deviation_key,
     facts,
     find_rest_means,
     guess_readouts,
     noise_keys,
     readout_keys,
-    start_deviation,
     unused_columns,
 )
 from inercal.pipeline.drafts.file_parts import recording_name
-from inercal.pipeline.drafts.log_files import read_logs
+from inercal.pipeline.drafts.log_files import LogFiles, read_logs
 from inercal.pipeline.drafts.magnetometer_keys import NO_FIELD, magnetometer_keys
-from inercal.pipeline.drafts.mean_scatter import GUESS, with_scatter
 from inercal.pipeline.drafts.method_trials import (
+    GUESS,
     RAMP,
     Candidate,
     MethodTrial,
     candidate_methods,
+    deviation_key,
     rests_in_ramp,
+    start_deviation,
     try_methods,
+    with_scatter,
 )
 from inercal.pipeline.drafts.quiet_sections import QuietMeans
-from inercal.pipeline.drafts.rate_tables import (
-    gyro_deviation_keys,
-    gyro_readout,
-    rate_bench_keys,
-    with_rate_table,
-)
 from inercal.pipeline.drafts.readouts import guess_accelerometer
 from inercal.pipeline.drafts.stated_keys import default_bench_keys, stated_units, stated_values
 from inercal.recordings.io.column_table import Table
@@ -133,11 +129,8 @@ class Draft:
     @property
     def assumptions(self) -> tuple[str, ...]:
         """A line for each typical value that stands for an answer of the user."""
-        return tuple(
-            f"assumed: {one.name} = {one.value} ({one.reason})"
-            for one in self.entries
-            if one.assumed
-        )
+        assumed = (one for one in self.entries if one.assumed)
+        return tuple(f"assumed: {one.name} = {one.value} ({one.reason})" for one in assumed)
 
     @property
     def method(self) -> MethodTrial | None:
@@ -174,11 +167,10 @@ def require_answers(draft: Draft) -> None:
     asked = "; ".join(f"{one.dotted}: {one.question}" for one in draft.questions)
     typical = ", or take typical values with --yes" * all(one.typical for one in draft.questions)
     raise InputError(
-        f"{log}: only you know {asked} (state it with --set, as an argument in Python{typical})",
-        file=log,
+        f"only you know {asked} (state it with --set, as an argument in Python{typical})",
         key=draft.questions[0].name,
         names=tuple(one.dotted for one in draft.questions),
-    )
+    ).located(log)
 
 
 def draft_run_file(
@@ -210,18 +202,15 @@ def draft_run_file(
     stated = dict(stated or {})
     values = stated_values(stated)
     read = read_logs(logs, values)
-    table, gyros = read.table, read.gyros
     roles = replace(read.roles, units={**read.roles.units, **stated_units(values)})
     if "data.arm_rate_unit" in values:
         roles = replace(roles, units={**roles.units, "arm_rate": values["data.arm_rate_unit"]})
-    roles = with_rate_table(table, roles)
+    roles = rate_tables.with_rate_table(read.table, roles)
     name, logs = recording_name(logs), read.files
 
     def draft(roles: ColumnRoles, *, field: bool = False) -> Draft:
-        columns = table, gyros, roles
-        return _draft(
-            logs, path, stated, values, columns, read.signs, name, typical=typical, field=field
-        )
+        found = replace(read, roles=roles)
+        return _draft(found, path, stated, values, name, typical=typical, field=field)
 
     found = draft(roles)
     labelled = "label" in roles.single and "data.label" not in stated and not roles.means
@@ -261,19 +250,17 @@ def draft_run_file(
 
 
 def _draft(
-    logs: Sequence[Path],
+    read: LogFiles,
     path: Path,
     stated: Mapping[str, str],
     values: Mapping[str, Any],
-    columns: tuple[Table, Table | None, ColumnRoles],
-    signs: tuple[DraftKey, ...],
     name: str,
     *,
     typical: bool,
     field: bool,
 ) -> Draft:
     """Draft all sections but [method], and try the methods."""
-    table, gyros, roles = columns
+    logs, table, gyros, roles = read.files, read.table, read.gyros, read.roles
     values = dict(values)
     candidates = _candidates(logs[0], table, roles)
     if (stated_name := values.pop("method.name", None)) is not None:
@@ -303,12 +290,10 @@ def _draft(
         roles = roles.because({"arm_rate_unit": reason}, units={**roles.units, "arm_rate": unit})
     with error_location(logs[0]):
         if at_rates:
-            readouts = {"gyro": gyro_readout(table, roles)}
+            readouts = {"gyro": rate_tables.gyro_readout(table, roles)}
             if "accelerometer" in readings:
-                own = readings["accelerometer"]
-                readouts["accelerometer"] = guess_accelerometer(
-                    own, roles.units.get("accelerometer")
-                )
+                unit = roles.units.get("accelerometer")
+                readouts["accelerometer"] = guess_accelerometer(readings["accelerometer"], unit)
         else:
             readouts, radius = guess_readouts(table, readings, roles, rests, turns, time, radius)
     guessed = roles.means and "accelerometer" in readings
@@ -322,7 +307,7 @@ def _draft(
             for entry in (*readout_keys(kind, readout), *noise.get(kind, ()))
         ),
         *(
-            rate_bench_keys(roles)
+            rate_tables.rate_bench_keys(roles)
             if at_rates or roles.rates
             else bench_keys(bench, candidates[0][1], radius)
         ),
@@ -332,9 +317,9 @@ def _draft(
             if field or candidates[0][1] in _WITH_FIELD
             else ()
         ),
-        *signs,
+        *read.signs,
         *suggest_rate(clock, readouts.get("gyro")),
-        *(gyro_deviation_keys(table, roles, readouts["gyro"]) if at_rates else ()),
+        *(rate_tables.gyro_deviation_keys(table, roles, readouts["gyro"]) if at_rates else ()),
         *((deviation_key(start_deviation(roles), GUESS),) if guessed else ()),
     )
     entries = _with_stated(entries, _named_columns(values, roles))
@@ -348,7 +333,7 @@ def _draft(
     why_unused = [roles.reasons[key] for key in _LEFT_OUT if key in roles.reasons]
     unused = unused_columns(table, entries)
     seen = (*seen, *unused, *why_unused)
-    return Draft(tuple(logs), path, entries, trials, seen, unused, roles, rests, time, readings)
+    return Draft(logs, path, entries, trials, seen, unused, roles, rests, time, readings)
 
 
 def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, str]) -> None:
@@ -367,11 +352,10 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
         return candidate_methods(roles)
     if roles.triads.get("accelerometer") == ():
         raise InputError(
-            f"{log}: data.accelerometer is empty, but no method that init can draft works without "
+            "data.accelerometer is empty, but no method that init can draft works without "
             "accelerometers: name their columns, or leave the key out",
-            file=log,
             key="data.accelerometer",
-        )
+        ).located(log)
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
     require_no_cluster(log, table, roles)
@@ -383,10 +367,9 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
     if not candidates:
         count = format_count(len(roles.triads["accelerometer"]), "accelerometer column")
         raise InputError(
-            f"{log}: init drafts no run file for {count} together with these other columns: "
-            f"{', '.join(roles.single) or 'none'}; {BY_HAND}",
-            file=log,
-        )
+            f"init drafts no run file for {count} together with these other columns: "
+            f"{', '.join(roles.single) or 'none'}; {BY_HAND}"
+        ).located(log)
     return candidates
 
 

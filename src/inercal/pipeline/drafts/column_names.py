@@ -71,15 +71,9 @@ _UNITS = (  # units in a column's name, as text or in brackets, with their kind
     (re.compile(r"lsb|counts?|raw"), "LSB"),
     (re.compile(r"_volts?\b"), "V"),
 )
-_KINDS: Mapping[str, str] = {
-    "m/s²": "accelerometer",
-    "Gal": "accelerometer",
-    "mg": "accelerometer",
-    "g": "accelerometer",
-    "rad/s": "gyro",
-    "°/s": "gyro",
-    "m°/s": "gyro",
-    "mrad/s": "gyro",
+_KINDS = {
+    **dict.fromkeys(("m/s²", "Gal", "mg", "g"), "accelerometer"),
+    **dict.fromkeys(("rad/s", "°/s", "m°/s", "mrad/s"), "gyro"),
 }
 _BRACKETS = re.compile(r"[\[(](.+?)[\])](?![\])])")
 _READING_UNITS = ("m/s²", "rad/s", "V", "A", "LSB")

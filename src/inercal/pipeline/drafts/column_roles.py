@@ -187,12 +187,10 @@ def recognise_columns(
     means = means and (not has_even_steps(table, clock) or counts_rows(table, str(clock)))
     if means and clock in texts:
         del single["time"]  # the date of a mean has no role
-    if means and "accelerometer" not in triads and not single.keys() & _MOVED_BY_BENCH:
-        own = [n for n in free if role_of_name(n) is None and not is_other_quantity(n)]
-        own = [n for n in own if not counts_rows(table, n)]
-        if len(own) == len("xyz") and table.rows >= _FEWEST_POSES:
-            triads["accelerometer"] = in_axis_order(own)
-            reasons["accelerometer"] = "the three remaining columns"
+    by_hand = means and "accelerometer" not in triads and not single.keys() & _MOVED_BY_BENCH
+    if by_hand and len(left) == len("xyz") and table.rows >= _FEWEST_POSES:
+        triads["accelerometer"] = in_axis_order(left)
+        reasons["accelerometer"] = "the three remaining columns"
     for kind, columns in triads.items():
         if table.header and columns and (unit := column_unit(columns[0])) is not None:
             units.setdefault(kind, unit)
@@ -261,14 +259,8 @@ def _judge_unknown(
     if "time" not in single and (clock := clock_by_values(table, free)) is not None:
         single["time"], reasons["time"] = clock, "it increases in equal steps"
     whole = columns_of_numbers(table)
-    free = [
-        n
-        for n in free
-        if n in whole
-        and n != single.get("time")
-        and not is_other_quantity(n)
-        and not never_falls(table, n)
-    ]
+    free = [n for n in free if n in whole and n != single.get("time")]
+    free = [n for n in free if not is_other_quantity(n) and not never_falls(table, n)]
     if "accelerometer" not in triads:
         found = accelerometers_by_values(table, free)
         if found is None:
@@ -311,13 +303,12 @@ def unknown_accelerometers(log: Path, table: Table, roles: ColumnRoles) -> Unkno
     numbers = tuple(n for n in table.names if n not in taken and table.columns[n].dtype.kind != "U")
     if len(numbers) < len("xyz"):
         raise InputError(
-            f"{log}: init drafts run files for recordings with three accelerometers, for tables of "
-            "means from a rate table, with an axis, a rate and the readings of one gyro or more, "
-            "and for tables from a dividing head, with an angle and a reading. This file has the "
+            "init drafts run files for recordings with three accelerometers, for tables of means "
+            "from a rate table, with an axis, a rate and the readings of one gyro or more, and "
+            "for tables from a dividing head, with an angle and a reading. This file has the "
             f"columns {', '.join(map(shorten, table.names[:_MOST_LISTED]))}; {BY_HAND}",
-            file=log,
             names=table.names,
-        )
+        ).located(log)
     used = {*roles.single.values(), *(c for triad in roles.triads.values() for c in triad)}
     free = [name for name in numbers if name not in used]
     example = free if len(free) >= 3 else list(numbers)
@@ -357,13 +348,12 @@ def require_no_cluster(log: Path, table: Table, roles: ColumnRoles) -> None:
             left = read - design @ np.linalg.lstsq(design, read)[0]
             if left.std() < _COMBINED * read.std():
                 raise InputError(
-                    f"{log}: {', '.join(triad)} and {name} look like one cluster of axes in other "
+                    f"{', '.join(triad)} and {name} look like one cluster of axes in other "
                     f"directions than x, y and z; {BY_HAND}, or state the columns of a triad, as "
                     f"in --set data.{kind}='{dumps(list(triad), ensure_ascii=False)}'",
-                    file=log,
                     key=f"data.{kind}",
                     names=(*triad, name),
-                )
+                ).located(log)
 
 
 def _names_sections(table: Table, name: str, force: Array | None) -> bool:

@@ -223,10 +223,6 @@ def aligned_triads(
     found = [(columns, _varies_between_rests(table, columns)) for columns in triples]
     if not any(varies for _, varies in found):
         return _still_triads(table, triples, reasons)
-    if len(found) == 1:
-        kind = "accelerometer" if found[0][1] else "gyro"
-        reasons[kind] = value_reason(kind)
-        return {kind: found[0][0]}
     triads: dict[str, tuple[str, ...]] = {}
     for kind, wanted in (("accelerometer", True), ("gyro", False)):
         match = [columns for columns, varies in found if varies == wanted]
@@ -257,11 +253,10 @@ def _still_triads(
 
 def value_reason(kind: str) -> str:
     """Return the reason by which a triad is recognised."""
-    return (
-        "their readings at rest change with the attitude"
-        if kind == "accelerometer"
-        else "their readings at rest are the same in all attitudes"
+    what = (
+        "change with the attitude" if kind == "accelerometer" else "are the same in all attitudes"
     )
+    return f"their readings at rest {what}"
 
 
 def _quiet(data: Array) -> Indices:
@@ -359,14 +354,13 @@ def require_finite_rows(log: Path, table: Table, names: Sequence[str]) -> None:
     first = int(np.argmax(rows))
     name = next(name for name, bad in found if bad[first])
     raise InputError(
-        f"{log}: {format_count(count, 'row')} with a number that is missing, not finite or too "
-        f"large; the first is {name} at "
-        f"{table.place(first)}: remove them, or state --set data.nonfinite=drop",
-        file=log,
+        f"{format_count(count, 'row')} with a number that is missing, not finite or too large; "
+        f"the first is {name} at {table.place(first)}: remove them, or state --set "
+        "data.nonfinite=drop",
         key="data.nonfinite",
         names=(name,),
         line=table.line(first),
-    )
+    ).located(log)
 
 
 def _bad_rows(table: Table, names: Iterable[str]) -> Iterable[tuple[str, NDArray[np.bool_]]]:

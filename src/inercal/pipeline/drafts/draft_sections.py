@@ -65,11 +65,8 @@ def arm_rate_unit(
     rate = table.numbers(name)
     spread = {unit: norm_spread(force, rate * si_factor(unit, "rad/s"), radius) for unit in RATES}
     best = min(spread, key=lambda unit: spread[unit])
-    return (
-        (best, "by the norms of the readings")
-        if spread[best] < _CLEAR * spread["rpm"]
-        else ("rpm", "")
-    )
+    clear = spread[best] < _CLEAR * spread["rpm"]
+    return (best, "by the norms of the readings") if clear else ("rpm", "")
 
 
 def norm_spread(force: Array, rate: Array, radius: float) -> float:
@@ -102,9 +99,7 @@ def require_radius_unit(force: Array, rate: Array, radius: float) -> None:
 
 _WINDOW = 0.5  # s, window in which a rest must be quiet
 _WINDOW_SAMPLES = 50  # the same window if the rate is not known
-_ARM_DEVIATION = 1e-2
 _MOST_LISTED = 12  # columns in a line
-_MEAN_DEVIATION = 1e-4  # in gravity, for means without a stated scatter
 
 
 def find_rest_means(
@@ -341,25 +336,10 @@ def unused_columns(table: Table, entries: Sequence[DraftKey]) -> tuple[str, ...]
     return (f"not used: {', '.join(map(shorten, left[:_MOST_LISTED]))}{more}",)
 
 
-def start_deviation(roles: ColumnRoles) -> float:
-    """Return the initial deviation of means, in gravity; it is larger on an arm."""
-    return _ARM_DEVIATION if "arm_rate" in roles.single else _MEAN_DEVIATION
-
-
 def _railed_samples(x: Array, every: Sequence[Array]) -> int:
     """Return how many of a channel's n samples are at the end of its range."""
     others = [one for one in every if not np.array_equal(one, x)]
     return int(np.diff(railed_ranges(x, others)).sum())
-
-
-def deviation_key(deviation: float, reason: str) -> DraftKey:
-    """Return the key for the deviation of means, which is given in gravity."""
-    return DraftKey(
-        "data.sd",
-        "accelerometer",
-        format_quantity(deviation * si_factor("g"), 0.0, "µg", 2),
-        reason,
-    )
 
 
 def facts(

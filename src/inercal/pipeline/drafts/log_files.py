@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from inercal.basics.errors import InputError
+from inercal.pipeline.drafts import column_values
 from inercal.pipeline.drafts.column_names import (
     in_axis_order,
     is_other_quantity,
@@ -25,12 +26,6 @@ from inercal.pipeline.drafts.column_roles import (
     NO_SENSOR,
     ColumnRoles,
     recognise_columns,
-)
-from inercal.pipeline.drafts.column_values import (
-    FEWEST_SAMPLES,
-    finite_rows,
-    require_finite_rows,
-    without_unusable,
 )
 from inercal.pipeline.drafts.draft_entries import DraftKey
 from inercal.pipeline.drafts.file_parts import join_parts
@@ -178,12 +173,12 @@ def _single_file(log: Path, values: Mapping[str, Any]) -> LogFiles:
     if (found := _arrays_of_two_lengths(log, table, values)) is not None:
         return replace(found, signs=signs)
     stated = stated_columns(values, table, second_file=False)
-    roles = recognise_columns(finite_rows(table), detect_reader(log).name, stated)
+    roles = recognise_columns(column_values.finite_rows(table), detect_reader(log).name, stated)
     used = [column for triad in roles.triads.values() for column in triad]
     used += [roles.single["time"]] if "time" in roles.single else []
     if values.get("data.nonfinite") == "drop":
-        return LogFiles((log,), finite_rows(table, used), None, roles, signs)
-    require_finite_rows(log, table, used)
+        return LogFiles((log,), column_values.finite_rows(table, used), None, roles, signs)
+    column_values.require_finite_rows(log, table, used)
     return LogFiles((log,), table, None, roles, signs)
 
 
@@ -193,7 +188,9 @@ def _arrays_of_two_lengths(log: Path, table: Table, values: Mapping[str, Any]) -
     None if all columns have the usual length, or if the others are no gyros. Gyros without times of
     their own are left out, with the reason.
     """
-    for length in sorted({n for n in table.other_lengths.values() if n >= FEWEST_SAMPLES}):
+    for length in sorted(
+        {n for n in table.other_lengths.values() if n >= column_values.FEWEST_SAMPLES}
+    ):
         names = tuple(name for name, n in table.other_lengths.items() if n == length)
         other = read_table(log, names, options=stated_options(values, log))
         try:
@@ -307,5 +304,5 @@ def _with_own_clock(
 
 def _read(log: Path, values: Mapping[str, Any]) -> tuple[Table, tuple[DraftKey, ...]]:
     """Read a table with signed readings, and return the key of [data] that gives the signs."""
-    table = without_unusable(read_log_table(log, stated_options(values, log)))
+    table = column_values.without_unusable(read_log_table(log, stated_options(values, log)))
     return sign_columns(table, values.get("data.signed_bits"))

@@ -1,12 +1,14 @@
-"""Find the methods that a recording supports by trying each suitable method on the data."""
+"""Try each suitable method on the data, for means with the scatter that the residuals show."""
 
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from inercal.basics.errors import InercalError
-from inercal.basics.units import format_count
+from inercal.basics.units import format_count, format_quantity, si_factor
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey, as_sections
 from inercal.recordings.io.column_table import shorten
@@ -24,6 +26,14 @@ RAMP = "temperature_ramp"
 
 AUTO = {"also": "auto"}
 """Key for a method that can estimate more than it does by default."""
+GUESS = "a guess that χ² cannot check: state the standard deviation of your means"
+_FROM_RESIDUALS = (
+    "the scatter that the residuals show, if the bench is as stated: state the measured scatter of "
+    "your means to get a real test"
+)
+_SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
+_ARM_DEVIATION = 1e-2
+_MEAN_DEVIATION = 1e-4  # in gravity, for means without a stated scatter
 
 
 class MethodTrial(NamedTuple):
@@ -82,7 +92,6 @@ def candidate_methods(roles: ColumnRoles, *, heated: bool = False) -> tuple[Cand
     triad = len(roles.triads.get("accelerometer", ()))
     if rests_in_ramp(roles):
         return (("hand", RAMP, {"temperature_order": "auto"}),)
-    gyros = "gyro" in roles.triads
     if roles.table:
         return (("turntable", "turntable_kalman", AUTO),)
     if "table_rate" in roles.single or roles.rates:
@@ -104,11 +113,10 @@ def candidate_methods(roles: ColumnRoles, *, heated: bool = False) -> tuple[Cand
         slopes = {"also": ["k0_dT", "k1_dT"]}
         by_temperature = [("hand", "six_position", slopes)] if "temperature" in roles.single else []
         return (*by_temperature, ("hand", "six_position", AUTO), ("hand", "multi_position", AUTO))
-    turns = (360, -360)
+    turns = (360, -360) if "gyro" in roles.triads else ()
     ferraris: list[Candidate] = [
         ("hand", "ferraris", {"turn": f"{angle} °"} | AUTO) for angle in turns
     ]
-    ferraris = ferraris if gyros else []
     free: list[Candidate] = [("hand", "multi_position", AUTO)]
     six: list[Candidate] = [("hand", "six_position", AUTO)]
     warm: list[Candidate] = [("hand", "six_position", {"temperature_order": "auto"})]
@@ -169,3 +177,80 @@ def _existing(folder: Path) -> Generator[None]:
     finally:
         for one in missing:
             one.rmdir()
+
+
+def start_deviation(roles: ColumnRoles) -> float:
+    """Return the initial deviation of means, in gravity; it is larger on an arm."""
+    return _ARM_DEVIATION if "arm_rate" in roles.single else _MEAN_DEVIATION
+
+
+def deviation_key(deviation: float, reason: str) -> DraftKey:
+    """Return the key for the deviation of means, which is given in gravity."""
+    return DraftKey(
+        "data.sd",
+        "accelerometer",
+        format_quantity(deviation * si_factor("g"), 0.0, "µg", 2),
+        reason,
+    )
+
+
+def with_scatter(
+    entries: tuple[DraftKey, ...], candidates: Sequence[Candidate], folder: Path, deviation: float
+) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...]]:
+    """Try the candidates with the deviation of means that the data imply.
+
+    If the residuals show that the guess is too large, the deviation that they imply is used.
+    Otherwise the deviation is chosen so that χ² equals its degrees of freedom. Additional
+    coefficients are only tested afterwards, because with too small a deviation the tests would find
+    effects that do not exist.
+    """
+    plain = [(bench, name, {} if keys == AUTO else keys) for bench, name, keys in candidates]
+    trials = try_methods(entries, plain, folder)
+    outcome = next((one.outcome for one in trials if one.outcome is not None), None)
+    findings = () if outcome is None else outcome.findings
+    if factors := [one.factor for one in findings if one.what == "noise" and one.factor]:
+        entries = _with_deviation(entries, deviation / max(factors), _FROM_RESIDUALS)
+        return entries, try_methods(entries, candidates, folder)
+    if plain != list(candidates):
+        entries, _, deviation = _agreeing(entries, trials, plain, folder, deviation)
+        trials = try_methods(entries, candidates, folder)
+    return _agreeing(entries, trials, candidates, folder, deviation)[:2]
+
+
+def _agreeing(
+    entries: tuple[DraftKey, ...],
+    trials: tuple[MethodTrial, ...],
+    candidates: Sequence[Candidate],
+    folder: Path,
+    deviation: float,
+) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...], float]:
+    """Return entries and trials with the deviation at which χ² is near its dof, and this."""
+    reason = (
+        "chosen so that χ² fits, so χ² says nothing about the model: state the measured scatter of "
+        "your means to get a real test"
+    )
+    given, before = (entries, trials, deviation), np.inf
+    for _ in range(_SCATTER_ROUNDS):
+        fits = [one.outcome.estimate for one in trials if one.outcome is not None]
+        if not fits or not fits[0].dof:
+            break
+        # With few degrees of freedom this is the standard uncertainty (GUM Supplement 1, 6.4.9).
+        dof = max(fits[0].dof - 2, fits[0].dof / 3)
+        ratio = float(np.sqrt(max(fits[0].chi2 / dof, 1e-12)))
+        if abs(ratio - 1) < _SCATTER_AGREES:
+            return entries, trials, deviation
+        if abs(np.log(ratio)) > 0.7 * before:
+            break  # the errors of the bench explain the residuals for any scatter
+        before = abs(np.log(ratio))
+        deviation *= ratio
+        entries = _with_deviation(entries, deviation, reason)
+        trials = try_methods(entries, candidates, folder)
+    return given
+
+
+def _with_deviation(
+    entries: tuple[DraftKey, ...], deviation: float, reason: str
+) -> tuple[DraftKey, ...]:
+    """Return the entries with another deviation of means; values that the user adds may follow."""
+    found = deviation_key(deviation, reason)
+    return tuple(found if one.dotted == found.dotted else one for one in entries)

@@ -240,10 +240,9 @@ def _nominal(counts: float, known: Sequence[float]) -> tuple[float, str]:
     """Return the first known scale factor that is near, and a text with all that are near."""
     near = [one for one in known if abs(counts / one - 1) < _NEAR_NOMINAL]
     if near:
-        others = f"; {' and '.join(f'{one:.6g}' for one in near[1:])} would also fit" * bool(
-            near[1:]
-        )
-        return near[0], f", close to the usual {near[0]:.6g}{others}"
+        others = " and ".join(f"{one:.6g}" for one in near[1:])
+        more = f"; {others} would also fit" if others else ""
+        return near[0], f", close to the usual {near[0]:.6g}{more}"
     return float(f"{counts:.3g}"), ""
 
 

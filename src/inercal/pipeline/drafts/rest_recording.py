@@ -154,12 +154,11 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
         if error.key != _TOO_LONG:
             raise
         raise InputError(
-            f"{log}: the file is damaged, or too long to be read at once. A log of any length can "
-            "be analysed if it is plain text, Parquet, .npz or HDF5 and all its columns are "
-            "numbers, with the time in seconds: convert it, or give a part of it",
-            file=log,
+            "the file is damaged, or too long to be read at once. A log of any length can be "
+            "analysed if it is plain text, Parquet, .npz or HDF5 and all its columns are numbers, "
+            "with the time in seconds: convert it, or give a part of it",
             key=_TOO_LONG,
-        ) from error
+        ).located(log) from error
     return in_si(recording, layout.readouts, layout.units)
 
 
@@ -198,11 +197,10 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
     roles = _with_magnetometers(log, table, roles, values)
     if not roles.triads:
         raise InputError(
-            f"{log}: no accelerometers or gyros were recognised among {', '.join(table.names)}: "
+            f"no accelerometers or gyros were recognised among {', '.join(table.names)}: "
             f"{_what_to_state(table, roles)}",
-            file=log,
             key="data.accelerometer",
-        )
+        ).located(log)
     readouts = {kind: _readout(log, table, roles, kind, values) for kind in roles.triads}
     channels = tuple(
         (f"{kind[0]}{axis}", column, readouts[kind].unit)
@@ -237,11 +235,10 @@ def _with_magnetometers(
         if not stated:
             return roles
         raise InputError(
-            f"{log}: {', '.join(names)} repeat their values, so their samples are not independent; "
-            "give a log with one row for each value, or omit data.magnetometer",
-            file=log,
+            f"{', '.join(names)} repeat their values, so their samples are not independent; give "
+            "a log with one row for each value, or omit data.magnetometer",
             key="data.magnetometer",
-        )
+        ).located(log)
     units = roles.units if unit is None else {**roles.units, "magnetometer": unit}
     return replace(roles, triads={**roles.triads, "magnetometer": names}, units=units)
 
@@ -321,11 +318,10 @@ def _readout(
         example = {"gyro": "rad/s", "magnetometer": "µT"}.get(kind, "m/s²")
         counts = SCALE_EXAMPLES[kind].format("LSB")
         raise InputError(
-            f'{log}: the unit of the {kind}s is unknown: state it with --set "{key}.unit='
-            f'{example}", or for counts with --set "{key}.scale={counts}"',
-            file=log,
+            f'the unit of the {kind}s is unknown: state it with --set "{key}.unit={example}", or '
+            f'for counts with --set "{key}.scale={counts}"',
             key=f"{key}.unit",
-        )
+        ).located(log)
     keys = {"unit": str(unit), "scale": scale, "offset": float(offset)}
     return build_readout(kind, ReadoutSection.model_validate(keys))[0]
 
@@ -343,10 +339,8 @@ def _columns(
     counted = keys.get("time_unit") == "sample" or "time" not in keys
     if counted and "data.rate" not in stated:
         raise InputError(
-            f'{log}: the sampling rate is unknown: state it with --set "data.rate=100 Hz"',
-            file=log,
-            key="data.rate",
-        )
+            'the sampling rate is unknown: state it with --set "data.rate=100 Hz"', key="data.rate"
+        ).located(log)
     policy = values.get("data.nonfinite", "refuse")
     if policy not in get_args(NonfinitePolicy):
         raise key_error(
