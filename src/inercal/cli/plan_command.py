@@ -316,8 +316,7 @@ def run(
     positions: int | None = typer.Option(
         None,
         help=f"Number of rests for a hand-held sensor (default {_POSITIONS}), or of positions on a "
-        "dividing head "
-        "(default: the run file's).",
+        "dividing head (default: the run file's).",
     ),
     seconds: float | None = typer.Option(
         None,

@@ -142,9 +142,8 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
                   UNITS[q], kind="result", last_digit=_last_digit(PRINTED_ERRORS[i, k])),
             abs(lever.paper[i, k]), abs(clean[i, k]),
             "u is the error of the formulas without any arm; ml with nine parameters has an error "
-            "of "
-            f"{format_significant(lever.ml[i, k])}, and of {lever.arrangements} arrangements of a "
-            f"single arm the smallest error is {format_significant(lever.least[i, k])}",
+            f"of {format_significant(lever.ml[i, k])}, and of {lever.arrangements} arrangements of "
+            f"a single arm the smallest error is {format_significant(lever.least[i, k])}",
         )
         for i, q in reversed(list(enumerate(QUANTITIES)))
         for k, axis in enumerate(AXES)

@@ -101,8 +101,7 @@ def taylor_section() -> study.StudySection:
     findings = (
         TAYLOR_TEXT.judge("error", worst[2], 0.0,
             f"the largest error in the design is 2D²f³ = {format_significant(worst[2])} g; the "
-            "third "
-            f"order leaves {format_significant(worst[3])} g"),
+            f"third order leaves {format_significant(worst[3])} g"),
         # Judged in powers of ten: "of the order of" is true within half a power.
         TAYLOR_TEXT.judge("size", np.log10(fourth), 0.0,
             f"the largest value in the design is {format_significant(fourth)} g²"),

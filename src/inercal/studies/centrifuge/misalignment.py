@@ -172,10 +172,8 @@ def section(clean: Array) -> study.StudySection:
     powers = zip(folded, ("first", "second", "third", "fourth"), strict=True)
     mainly = TEXT.judge("mainly", share, 0.0,
         "misalignments change |f|² by products of two outputs, which (13) does not contain; the "
-        "first "
-        f"powers are {share:.1%} of the change, and the regression distributes the products among "
-        "all "
-        "powers, "
+        f"first powers are {share:.1%} of the change, and the regression distributes the products "
+        "among all powers, "
         + ", ".join(f"{x:.0%} into the {name}" for x, name in powers),
     )  # fmt: skip
     return TEXT.section(

@@ -99,15 +99,13 @@ def outputs_section() -> StudySection:
         OUTPUTS_TEXT.judge("repaired", after, 0.0,
             f"screening finds {len(found.suspects)} rows, each with a unique repair ({named}; …); "
             f"after the repairs no entry is farther than {format_significant(worst)} V from the "
-            "design, "
-            f"and {slipped} by more than rounding"),
+            f"design, and {slipped} by more than rounding"),
         OUTPUTS_TEXT.judge("noise", rms, _LAST_DIGIT / np.sqrt(12),
             f"the repaired table differs from the design by {format_significant(rms)} V rms, which "
             "is the rounding to six decimals, so it contains no noise"),
         OUTPUTS_TEXT.judge("positive", sensed.min(), 0.0,
             f"{int((sensed < -1e-9).sum())} of {sensed.size} components of the design are "
-            "negative; "
-            "the correct root is the printed one, with f → −Δ as D → 0"),
+            "negative; the correct root is the printed one, with f → −Δ as D → 0"),
     )  # fmt: skip
     return OUTPUTS_TEXT.section(
         findings, (_outputs_table(found, design, lost),), sound=count_falsely_rejected_rows(found)

@@ -87,8 +87,7 @@ def section(trials: int, seed: int) -> study.StudySection:
             "the remaining error is ½δ², from the cosine of the mounting angle: "
             f"{format_significant(-mounting_angle_error(JUDGED_ANGLE * ARCSEC), 3)} µg if the "
             f"angle is {JUDGED_ANGLE:g}″, and √3 times that if this is its scatter; with the "
-            "correction "
-            f"it is {format_significant(corrected.value)} µg"),
+            f"correction it is {format_significant(corrected.value)} µg"),
         TEXT.judge("carried", by_up, u,
             "the mean of readings up and down is K0 + K2; the mean of two level readings is K0"),
     )  # fmt: skip
@@ -113,8 +112,7 @@ def section(trials: int, seed: int) -> study.StudySection:
         ),
         (
             study.Chart("mounting", "RMS of k1 + K3 against the standard deviation of the mounting "
-                "angles, without "
-            "noise.",
+                "angles, without noise.",
                   [study.StudyPanel("", "mounting angle, ″", "RMS, µg",
                          [study.Curve("no correction", ANGLES[1:], scatter[1:, 0]),
                           study.Curve("corrected", ANGLES[1:], scatter[1:, 1])])]),

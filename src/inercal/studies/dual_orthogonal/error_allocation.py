@@ -141,8 +141,7 @@ def section(results: Sequence[Any]) -> study.StudySection:
             f"two readings of {AUTOCOLLIMATOR:g}″ in each pair already contribute "
             f"{format_significant(k0[_AUTOCOLLIMATOR_ITEM])} µg; "
             f"{format_significant(allowed_autocollimator_deviation(k0))}″ would be sufficient, or "
-            "a face "
-            "at every position, which gives "
+            "a face at every position, which gives "
             f"{format_significant(rms(faces[ALL_ITEMS]['K0']).value)} µg"),
         TEXT.judge("tilting", moving["patent"].value, moving["patent"].u,
             "the autocollimator is mounted on the base and does not detect its tilt; with a face "

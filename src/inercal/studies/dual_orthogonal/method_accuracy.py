@@ -80,11 +80,10 @@ def accuracy_section(found: MethodAccuracy) -> study.StudySection:
     reasons = {
         "K0": "from the four points, with each pair aligned by the autocollimator",
         "k1": f"k1 + K3 is known to {format_significant(patent['k1 + K3'].value)} µg, but K_A3 and "
-        "K_B3 act "
-        "in the same way on the readings; with K3 from a centrifuge, to 0.5 µg, k1 is known to "
-        f"{format_significant(found.rms['patent']['k1'].value)} µg, and with the autocollimator "
-        f"read at every position to {format_significant(found.rms[EVERY_FACE]['k1'].value)} µg "
-        "without a centrifuge",
+        "K_B3 act in the same way on the readings; with K3 from a centrifuge, to 0.5 µg, k1 is "
+        f"known to {format_significant(found.rms['patent']['k1'].value)} µg, and with the "
+        "autocollimator read at every position to "
+        f"{format_significant(found.rms[EVERY_FACE]['k1'].value)} µg without a centrifuge",
         "δ": "from g² in addition to the four points",
         "K2": "with K3 from a centrifuge it would be "
         f"{format_significant(found.rms['patent']['K2'].value)} µg",
@@ -178,8 +177,7 @@ def head_section(found: HeadComparison) -> study.StudySection:
             f"it changes the K0 of a trial by {format_significant(found.head_change)} µg"),
         HEAD_TEXT.judge("alone", alone.value, alone.u,
             "with a head of 3″; with a head of 0.5″ it is "
-            f"{format_significant(found.k0['single'][0].value)} "
-            "µg"),
+            f"{format_significant(found.k0['single'][0].value)} µg"),
     )  # fmt: skip
     sizes = np.array(HEAD_ERRORS)
     lines = [

@@ -138,8 +138,7 @@ def section(results: Sequence[Any]) -> study.StudySection:
     found: list[StepEffect] = effects[::-1]
     why = (
         f"{len(serving)} of {len(CLAIMED_COUNTS)} even steps work: the four points are included "
-        "only in "
-        f"{' and '.join(map(str, serving))} positions; with the cardinal positions added, "
+        f"only in {' and '.join(map(str, serving))} positions; with the cardinal positions added, "
         f"{len(helped)} work"
     )
     findings = [
@@ -204,8 +203,7 @@ def _chart(found: Sequence[StepEffect]) -> study.Chart:
         "step",
         "RMS against the number of positions, with the same number of readings at each (left) or "
         "in total (right). For patent, cardinal positions are added; joint without both pairs, "
-        "which "
-        f"exceeds {_CHART_MAXIMUM:g} µg, is omitted.",
+        f"which exceeds {_CHART_MAXIMUM:g} µg, is omitted.",
         [
             study.StudyPanel("", "", "RMS, µg", lines(totals), log_y=False, names=names)
             for totals in (False, True)

@@ -117,8 +117,7 @@ def section(
         (),
         (
             StudyTable("Errors, mg: rms norm error at the groups, and rms vector error on 300 "
-                "fresh "
-            "poses",
+                "fresh poses",
                   "estimator", ("norms, median", "vectors, median", "vectors, 95 %"),
                   table),
         ),

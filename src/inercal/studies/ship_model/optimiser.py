@@ -114,8 +114,7 @@ def section(searched: Sequence[OptimiserComparison]) -> study.StudySection:
     findings = [
         TEXT.judge("met", 100 * worst, 0.0,
             f"this is the largest of {len(searched)} devices after polishing; before it, they met "
-            f"the goal at generations "
-            f"{goals}"),
+            f"the goal at generations {goals}"),
         *(TEXT.judge(f"far_{name}", largest[name], 0.0,
                 f"rms {format_significant(off[name].value)} g (median), up to "
                 f"{format_significant(off[name].percentile_95)} g, while the norm errors are at "
@@ -125,9 +124,8 @@ def section(searched: Sequence[OptimiserComparison]) -> study.StudySection:
         TEXT.judge("same", ratio.value, np.hypot(ratio.u, _WITHIN / 2),
             "within 1 % is considered similar; both reach the same minimum"),
         TEXT.judge("verifies", apart.value, norm,
-            f"u is the norm error of either, {format_significant(norm)} mg; a triad "
-            "rotated in any way has the same sum, so two programs can agree on it and "
-            "both be wrong"),
+            f"u is the norm error of either, {format_significant(norm)} mg; a triad rotated in any "
+            "way has the same sum, so two programs can agree on it and both be wrong"),
     ]  # fmt: skip
     rows = [
         (f"{k + 1}", [f"{one.cost_ratio:.6f}", format_significant(one.norm / simulated.MILLI),

@@ -129,11 +129,9 @@ def _group_chart(found: EstimatorComparison) -> Chart:
     return Chart(
         "groups",
         "Error of each axis in the sixteen groups, exactly mounted, as in the source's Figs. 7–9; "
-        "rms "
-        "over devices. Groups are numbered as planned: XY, YX and ZY at 30°, 60° and 135°, the "
+        "rms over devices. Groups are numbered as planned: XY, YX and ZY at 30°, 60° and 135°, the "
         "pose of two tilts, then 30° and 135° at 46 r/min. Over all groups the error of damped is "
         f"{whole['damped']} mg in the poses it was fitted to, that of planar {whole['planar']} mg "
-        "and "
-        f"that of joint {whole['joint']} mg.",
+        f"and that of joint {whole['joint']} mg.",
         panels,
     )

@@ -240,8 +240,7 @@ def _table(name: str, run: ShipMotion, by_way: dict[str, ResidualError]) -> stud
                             for x in middle]))  # fmt: skip
     return study.StudyTable(
         f"{name.capitalize()} waves: remaining error, median over devices, in mg and relative to "
-        "the heave "
-        f"acceleration ({format_significant(rms / MILLI)} mg rms, "
+        f"the heave acceleration ({format_significant(rms / MILLI)} mg rms, "
         f"{format_significant(peak / MILLI)} mg peak)",
         "calibration", ("x", "y", "z", "x, rel.", "y, rel.", "z, rel."), rows,
     )  # fmt: skip

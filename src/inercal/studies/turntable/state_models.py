@@ -124,8 +124,7 @@ def failures_section(found: trials.TurntableTrials) -> study.StudySection:
             f"{format_significant(modelled.largest_axis['misalignment'].value)}″"),
         FAILURES_TEXT.judge("on_time", *late.largest_axis["misalignment"],
             f"the NEES is {format_significant(late.nees.value)}; if the delay is a state, the "
-            f"error is "
-            f"{format_significant(delayed.largest_axis['misalignment'].value)}″"),
+            f"error is {format_significant(delayed.largest_axis['misalignment'].value)}″"),
     )  # fmt: skip
     return FAILURES_TEXT.section(
         findings,
