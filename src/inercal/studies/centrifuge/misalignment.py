@@ -12,7 +12,6 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import closed_formulas, ml
 from inercal.studies import study
-from inercal.studies.centrifuge import simulated_centrifuge
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import format_significant
 
@@ -31,15 +30,15 @@ class IgnoredMisalignment:
 
 def symmetric_ml_errors(device: simulated.SimulatedTriad) -> Array:
     """Return the errors of S, b and D, (3, 3), if the symmetric part of Φ is also estimated."""
-    spins, result = simulated.steps(), simulated_centrifuge.sensor("misalignment", symmetric=True)
+    spins, result = simulated.steps(), simulated.sensor("misalignment", symmetric=True)
     found = ml(
-        simulated_centrifuge.observations(simulated.outputs(device, spins), result),
+        simulated.observations(simulated.outputs(device, spins), result),
         result,
         simulated.BENCH,
         spins,
     )
     named = dict(zip(found.names, found.value.tolist(), strict=True))
-    nine = [named[name] for name in simulated_centrifuge.sensor().coefficients]
+    nine = [named[name] for name in simulated.sensor().coefficients]
     return simulated.coefficients_as_printed(np.array(nine)) - simulated.TRUTH.values
 
 

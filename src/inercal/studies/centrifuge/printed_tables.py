@@ -15,7 +15,6 @@ from inercal.basics.arrays import Array
 from inercal.estimation import Cauchy, least_squares
 from inercal.methods.centrifuge_norm.problems import norm_problem
 from inercal.methods.centrifuge_norm.screening import SuspectRow, screen_rows
-from inercal.studies.centrifuge import simulated_centrifuge
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import LIMIT, Claim, ClaimResult, format_significant, judge_claim
 from inercal.studies.study import StudySection, StudyTable, read_section_text
@@ -45,10 +44,8 @@ def read_printed_table() -> Array:
 
 def repair_table(printed: Array) -> ScreenedTable:
     """Screen the table without using the truth, and apply each unique repair."""
-    result, spins = simulated_centrifuge.sensor(), simulated.steps()
-    suspects = screen_rows(
-        simulated_centrifuge.observations(printed, result), result, simulated.BENCH, spins
-    )
+    result, spins = simulated.sensor(), simulated.steps()
+    suspects = screen_rows(simulated.observations(printed, result), result, simulated.BENCH, spins)
     repaired = printed.copy()
     for suspect in suspects:
         if len(suspect.repairs) == 1:
@@ -63,9 +60,9 @@ def count_falsely_rejected_rows(found: ScreenedTable) -> int:
     Such a fit starts at the nominal sensor and stays biased by the wrong rows. Screening therefore
     decreases the threshold step by step.
     """
-    result, spins = simulated_centrifuge.sensor(), simulated.steps()
+    result, spins = simulated.sensor(), simulated.steps()
     requested = norm_problem(
-        simulated_centrifuge.observations(found.printed, result), result, simulated.BENCH, spins
+        simulated.observations(found.printed, result), result, simulated.BENCH, spins
     )
     fit = least_squares(requested, Cauchy(_THRESHOLD))
     sound = (found.printed == found.repaired).all(axis=1)
@@ -89,7 +86,7 @@ def outputs_section() -> StudySection:
     worst = float(np.abs(found.repaired - design).max())
     slipped = int((np.abs(found.repaired - design) > _LAST_DIGIT / 2 * (1 + 1e-6)).sum())
     rms = float(np.sqrt(np.mean((found.repaired - design) ** 2)))
-    sensed = simulated_centrifuge.dwell_force(simulated.steps())
+    sensed = simulated.dwell_force(simulated.steps())
     named = "; ".join(s.describe() for s in found.suspects[:2])
     findings = (
         OUTPUTS_TEXT.judge("signs", alike, 0.0,

@@ -18,18 +18,20 @@ from inercal.studies.claim import Rms, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     ARCSEC,
     AUTOCOLLIMATOR,
+    EVERY_FACE,
     HEAD_ERROR,
     HEAD_ZERO,
     JUDGED_COLUMNS,
+    METHODS,
     MICRO,
     NOISE,
     SIZES,
     SPINDLE_LEAN,
     estimate_errors,
+    method_errors,
     nominal_bench,
     simulate,
 )
-from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
 
 TEXT = study.read_section_text("inercal.studies.dual_orthogonal", "allocation")
 

@@ -12,13 +12,15 @@ from inercal.studies import study
 from inercal.studies.claim import Rms, format_all, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     COLUMNS,
+    EVERY_FACE,
+    METHODS,
     DividingHeadCase,
     estimate_errors,
+    method_errors,
     nominal_bench,
     rms_ratio,
     simulate,
 )
-from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
 
 ACCURACY_TEXT = study.read_section_text("inercal.studies.dual_orthogonal", "accuracy")
 FACES_TEXT = study.read_section_text("inercal.studies.dual_orthogonal", "faces")
