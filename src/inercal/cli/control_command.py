@@ -11,7 +11,7 @@ from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
 from inercal.cli import session_inputs
 from inercal.cli.console import open_register, print_json, print_written_files
-from inercal.cli.options import Force, Json, RegisterOption, out_option
+from inercal.cli.options import Force, Json, RegisterOption, optional, out_option
 from inercal.cli.outputs import CONTROL, PAGE, check_outputs
 
 if TYPE_CHECKING:
@@ -34,9 +34,8 @@ def run(
     ),
     table: session_inputs.Sessions = None,
     sensor: session_inputs.Sensor = None,
-    bench: str | None = typer.Option(
-        None,
-        help="A bench in the register, by name or kind: chart its parameters from its own runs.",
+    bench: str | None = optional(
+        "A bench in the register, by name or kind: chart its parameters from its own runs."
     ),
     register: RegisterOption = None,
     same: session_inputs.SameOption = None,
@@ -44,12 +43,10 @@ def run(
     run_length: float = typer.Option(
         370.0, help="Mean number of days between false alarms, over all charts."
     ),
-    restart: list[str] | None = typer.Option(
-        None, help="Day of a repair, such as 2026-03-01: EWMA and MEWMA restart after it."
+    restart: list[str] | None = optional(
+        "Day of a repair, such as 2026-03-01: EWMA and MEWMA restart after it."
     ),
-    since: str | None = typer.Option(
-        None, help="First day of a new reference; earlier sessions are ignored."
-    ),
+    since: str | None = optional("First day of a new reference; earlier sessions are ignored."),
     lasting: Lasting = typer.Option(
         Lasting.EWMA, help="Type of chart for small lasting changes of a single value."
     ),

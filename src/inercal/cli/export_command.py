@@ -8,7 +8,7 @@ import typer
 from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_number, format_quantity, si_factor
 from inercal.cli.console import print_json, report_line
-from inercal.cli.options import Force, Json, assignments, flag, out_option
+from inercal.cli.options import Force, Json, assignments, flag, optional, out_option
 from inercal.cli.outputs import OutputKind, check_output_folder, check_outputs, source_files
 from inercal.physics.quantities import QUANTITIES
 
@@ -37,18 +37,12 @@ LOSSLESS = flag(
 REFIT = flag(
     "--refit", "Fit linear terms over the range, for a target that has no nonlinear terms."
 )
-FORCE_RANGE = typer.Option(
-    None,
-    "--over-force",
-    help="Range of each accelerometer, such as '-2 2 g' (default: that of the data).",
+FORCE_RANGE = optional(
+    "Range of each accelerometer, such as '-2 2 g' (default: that of the data).", "--over-force"
 )
-RATE_RANGE = typer.Option(None, "--over-rate", help="Range of each gyro, such as '-200 200 deg/s'.")
-FIELD_RANGE = typer.Option(
-    None, "--over-field", help="Range of each magnetometer, such as '-60 60 µT'."
-)
-TEMPERATURE_RANGE = typer.Option(
-    None, "--over-temperature", help="Temperature range, such as '-10 60 °C'."
-)
+RATE_RANGE = optional("Range of each gyro, such as '-200 200 deg/s'.", "--over-rate")
+FIELD_RANGE = optional("Range of each magnetometer, such as '-60 60 µT'.", "--over-field")
+TEMPERATURE_RANGE = optional("Temperature range, such as '-10 60 °C'.", "--over-temperature")
 
 
 def run(
@@ -70,8 +64,8 @@ def run(
     over_rate: str | None = RATE_RANGE,
     over_temperature: str | None = TEMPERATURE_RANGE,
     over_field: str | None = FIELD_RANGE,
-    name: str | None = typer.Option(
-        None, help="Name in the code and of the file (default: names of the sensor and the run)."
+    name: str | None = optional(
+        "Name in the code and of the file (default: names of the sensor and the run)."
     ),
     force: Force = False,
     json: Json = False,

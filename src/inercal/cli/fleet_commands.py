@@ -21,6 +21,7 @@ from inercal.cli.options import (
     Workers,
     assignments,
     flag,
+    optional,
     out_option,
     warn_of_root,
 )
@@ -53,20 +54,15 @@ def calibrate(
     line: _Line,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    batch: int | None = typer.Option(
-        None, help="Number of sensors in a batch (default: as many as take 2 s)."
-    ),
+    batch: int | None = optional("Number of sensors in a batch (default: as many as take 2 s)."),
     retry_failed: bool = flag("--retry-failed", "Retry the sensors that failed before."),
-    timeout: float | None = typer.Option(
-        None,
+    timeout: float | None = optional(
+        "Time limit for a sensor, s (default: 20 times that of the others, at least 60).",
         metavar="SECONDS",
-        help="Time limit for a sensor, s (default: 20 times that of the others, at least 60).",
     ),
-    register: str | None = typer.Option(None, help="Enter the calibrations in this register."),
-    watch: Path | None = typer.Option(
-        None, help="Calibrate each recording as it arrives in this folder."
-    ),
-    count: int | None = typer.Option(None, help="With --watch: stop after this many recordings."),
+    register: str | None = optional("Enter the calibrations in this register."),
+    watch: Path | None = optional("Calibrate each recording as it arrives in this folder."),
+    count: int | None = optional("With --watch: stop after this many recordings."),
     out: _Out = None,
     json: Json = False,
 ) -> None:
@@ -200,17 +196,12 @@ def report(
 def export(
     line: _Line,
     path: Path = typer.Argument(help="The table to write (.csv or .parquet); with --to, a folder."),
-    sensor: str | None = typer.Option(
-        None, help="Write the calibration file of this sensor instead."
-    ),
-    to: str | None = typer.Option(
-        None, help="Write one file per sensor for this target (inercal export --help)."
-    ),
+    sensor: str | None = optional("Write the calibration file of this sensor instead."),
+    to: str | None = optional("Write one file per sensor for this target (inercal export --help)."),
     stated: list[str] = export_command.SET,
-    column: list[str] | None = typer.Option(
-        None,
+    column: list[str] | None = optional(
+        "With --to: take an option from a column of sensors.csv: acc_id=device_id.",
         metavar="OPTION=COLUMN",
-        help="With --to: take an option from a column of sensors.csv: acc_id=device_id.",
     ),
     axes: str = export_command.AXES,
     lossless: bool = export_command.LOSSLESS,

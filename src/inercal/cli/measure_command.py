@@ -14,7 +14,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.basics.visible_text import visible_text
 from inercal.cli.console import print_json
-from inercal.cli.options import flag, out_option
+from inercal.cli.options import flag, optional, out_option
 from inercal.cli.outputs import WORKSHEET, check_outputs, require_suffix
 from inercal.physics.quantities import QUANTITIES
 
@@ -29,11 +29,8 @@ def run(
     plan: Path = typer.Argument(
         help="The run file (.toml), or the worksheet that inercal plan wrote (.csv)."
     ),
-    run_file: Path | None = typer.Option(
-        None,
-        "--run",
-        "-r",
-        help="The run file for the worksheet, if no run file in its folder names it.",
+    run_file: Path | None = optional(
+        "The run file for the worksheet, if no run file in its folder names it.", "--run", "-r"
     ),
     out: Path | None = out_option("The table to fill (.csv); by default \\[data] file."),
     readings: int = typer.Option(

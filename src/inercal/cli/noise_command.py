@@ -11,7 +11,7 @@ from inercal.basics.errors import InputError
 from inercal.cli.console import open_register, print_json, print_written_files, progress_status
 from inercal.cli.log_drafts import stated_keys
 from inercal.cli.noise_outputs import NoiseFiles
-from inercal.cli.options import Force, Json, flag
+from inercal.cli.options import Force, Json, flag, optional
 from inercal.cli.outputs import PAGE, check_outputs
 
 if TYPE_CHECKING:
@@ -23,11 +23,10 @@ def run(
     recording: Path | None = typer.Argument(
         None, help="A recording at rest, or the run file (.toml) whose \\[data] names it."
     ),
-    datasheet: Path | None = typer.Option(
-        None,
-        metavar="FILE",
-        help="A file (.toml) with the noise that a data sheet states. It is compared with the "
+    datasheet: Path | None = optional(
+        "A file (.toml) with the noise that a data sheet states. It is compared with the "
         "recording, or imported if there is no recording.",
+        metavar="FILE",
     ),
     stated: list[str] = typer.Option(
         [],
@@ -36,8 +35,8 @@ def run(
         help="Values that you know: --set data.gyro=gx,gy,gz, --set sensor.gyro.unit=°/s, "
         '--set "data.rate=100 Hz".',
     ),
-    terms: str | None = typer.Option(
-        None, help="Terms to fit, such as NBK, instead of those that the data justify."
+    terms: str | None = optional(
+        "Terms to fit, such as NBK, instead of those that the data justify."
     ),
     method: str = typer.Option(
         "likelihood", help="Estimator for the reported values: likelihood, gmwm or wls_log."
@@ -66,19 +65,16 @@ def run(
         help="Time in s at which a random walk equals a bias instability, for a program that "
         "supports only random walks.",
     ),
-    register: str | None = typer.Option(
-        None,
-        help="Enter the analysis in this register: a path, sqlite:///PATH or "
-        "postgresql://USER@HOST/DATABASE; by default $INERCAL_REGISTER.",
+    register: str | None = optional(
+        "Enter the analysis in this register: a path, sqlite:///PATH or "
+        "postgresql://USER@HOST/DATABASE; by default $INERCAL_REGISTER."
     ),
-    sensor: str | None = typer.Option(
-        None, help="Name of the sensor in the register; by default that in the run file."
+    sensor: str | None = optional(
+        "Name of the sensor in the register; by default that in the run file."
     ),
-    measured: str | None = typer.Option(
-        None, help="Date of the recording, such as 2026-03-01; by default now."
-    ),
-    by: str | None = typer.Option(
-        None, help="Name of the person who enters the analysis; by default your user name."
+    measured: str | None = optional("Date of the recording, such as 2026-03-01; by default now."),
+    by: str | None = optional(
+        "Name of the person who enters the analysis; by default your user name."
     ),
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder for the files to write."),
     force: Force = False,

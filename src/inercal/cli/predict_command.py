@@ -14,7 +14,7 @@ from inercal.cli.console import (
     print_written_files,
     report_line,
 )
-from inercal.cli.options import Force, Json, flag, out_option
+from inercal.cli.options import Force, Json, flag, optional, out_option
 from inercal.cli.outputs import PAGE, PREDICTIONS, check_outputs, require_suffix, source_files
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ def run(
         [],
         help='A point, such as "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"; m is the field.',
     ),
-    points: Path | None = typer.Option(
-        None, help="A table of points: columns fx \\[g], …, wx \\[°/s], …, mx \\[µT], …, T \\[°C]."
+    points: Path | None = optional(
+        "A table of points: columns fx \\[g], …, wx \\[°/s], …, mx \\[µT], …, T \\[°C]."
     ),
     sweep: str = typer.Option(
         "", help='A part that varies, such as "fx = -1 g … 1 g"; --at states the other parts.'

@@ -12,7 +12,7 @@ import typer
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_number
 from inercal.cli.console import open_register, print_json, print_line, print_lines, print_table
-from inercal.cli.options import Force, Json, RegisterOption, flag, out_option
+from inercal.cli.options import Force, Json, RegisterOption, flag, optional, out_option
 from inercal.cli.outputs import QUALIFICATION, check_outputs
 
 if TYPE_CHECKING:
@@ -34,10 +34,9 @@ def run(
     out: Path | None = out_option("The qualification to write, *.qualification.json."),
     force: Force = False,
     drift: bool = flag("--drift", "Compare two successive qualifications of one bench."),
-    withdraw: str | None = typer.Option(
-        None,
+    withdraw: str | None = optional(
+        "Withdraw a qualification: mark the file, and list the calibrations that used it.",
         metavar="REASON",
-        help="Withdraw a qualification: mark the file, and list the calibrations that used it.",
     ),
     register: RegisterOption = None,
     json: Json = False,

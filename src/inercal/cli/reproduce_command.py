@@ -8,7 +8,7 @@ import typer
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_number
 from inercal.cli.console import print_json, progress_status
-from inercal.cli.options import Scheduler, Workers, flag, out_option, warn_of_root
+from inercal.cli.options import Scheduler, Workers, flag, optional, out_option, warn_of_root
 from inercal.cli.outputs import PAGE, check_outputs
 
 if TYPE_CHECKING:
@@ -25,10 +25,10 @@ def run(
     out: Path | None = out_option(
         "Folder for the page; by default the current one, and no page with --json."
     ),
-    trials: int | None = typer.Option(
-        None, help="Largest number of Monte Carlo trials of a study (default: 4000)."
+    trials: int | None = optional(
+        "Largest number of Monte Carlo trials of a study (default: 4000)."
     ),
-    seed: int | None = typer.Option(None, help="Seed of the noise of a study (default: 0)."),
+    seed: int | None = optional("Seed of the noise of a study (default: 0)."),
     workers: Workers = None,
     scheduler: Scheduler = None,
     json: bool = flag("--json", "Print one JSON list of the claims."),
