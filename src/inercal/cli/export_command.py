@@ -8,7 +8,7 @@ import typer
 from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_number, format_quantity, si_factor
 from inercal.cli.console import print_json, report_line
-from inercal.cli.options import Force, Json, assignments, flag, optional, out_option
+from inercal.cli.options import Force, Json, assignments, flag, optional, out_option, repeated
 from inercal.cli.outputs import OutputKind, check_output_folder, check_outputs, source_files
 from inercal.physics.quantities import QUANTITIES
 
@@ -20,11 +20,8 @@ if TYPE_CHECKING:
 
 OPTION_FORM = "OPTION=VALUE"
 _LEAST = 1e-3  # of the unit of the largest error; smaller ones do not count
-SET = typer.Option(
-    [],
-    "--set",
-    metavar="OPTION=VALUE",
-    help="An option of the target, such as --set acc_id=1310988.",
+SET = repeated(
+    "An option of the target, such as --set acc_id=1310988.", "--set", metavar="OPTION=VALUE"
 )
 AXES = typer.Option(
     "x y z",

@@ -6,7 +6,7 @@ import typer
 
 from inercal.cli.console import print_json, print_lines
 from inercal.cli.export_command import OPTION_FORM
-from inercal.cli.options import Force, Json, assignments, optional, out_option
+from inercal.cli.options import Force, Json, assignments, optional, out_option, repeated
 from inercal.cli.outputs import CALIBRATION, check_outputs
 
 
@@ -22,11 +22,8 @@ def run(
     like: Path | None = optional(
         "A calibration of the same sensor, from which the axes and readouts are taken."
     ),
-    stated: list[str] = typer.Option(
-        [],
-        "--set",
-        metavar="OPTION=VALUE",
-        help="An option of the format, such as --set part=gyro.",
+    stated: list[str] = repeated(
+        "An option of the format, such as --set part=gyro.", "--set", metavar="OPTION=VALUE"
     ),
     name: str | None = optional("Name of the sensor."),
     axes: str | None = optional(

@@ -5,20 +5,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
 from inercal.basics.errors import InputError
 from inercal.cli.console import progress_status, report_line
-from inercal.cli.options import assignments
+from inercal.cli.options import assignments, repeated
 
 if TYPE_CHECKING:
     from inercal.pipeline.drafts import Draft
 
-SET = typer.Option(
-    [],
+SET = repeated(
+    'Values that you know: --set "data.rate=100 Hz", --set data.gyro=gx,gy,gz.',
     "--set",
     metavar="KEY=VALUE",
-    help='Values that you know: --set "data.rate=100 Hz", --set data.gyro=gx,gy,gz.',
 )
 
 

@@ -14,7 +14,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.basics.visible_text import visible_text
 from inercal.cli.console import print_json
-from inercal.cli.options import flag, optional, out_option
+from inercal.cli.options import flag, optional, out_option, repeated
 from inercal.cli.outputs import WORKSHEET, check_outputs, require_suffix
 from inercal.physics.quantities import QUANTITIES
 
@@ -36,12 +36,11 @@ def run(
     readings: int = typer.Option(
         1, "--readings", "-n", min=1, max=10_000, help="Number of readings per mean."
     ),
-    instrument: list[str] = typer.Option(
-        [],
+    instrument: list[str] = repeated(
+        "Address of an instrument that reads the sensor: tcp://HOST:PORT, "
+        "serial:PATH?baud=9600 or visa:GPIB0::22::INSTR. Give several in the order of the columns.",
         "--instrument",
         "-i",
-        help="Address of an instrument that reads the sensor: tcp://HOST:PORT, "
-        "serial:PATH?baud=9600 or visa:GPIB0::22::INSTR. Give several in the order of the columns.",
     ),
     query: str = typer.Option(
         "READ?",

@@ -11,7 +11,7 @@ from inercal.basics.errors import InputError
 from inercal.cli.console import open_register, print_json, print_written_files, progress_status
 from inercal.cli.log_drafts import stated_keys
 from inercal.cli.noise_outputs import NoiseFiles
-from inercal.cli.options import Force, Json, flag, optional
+from inercal.cli.options import Force, Json, flag, optional, repeated
 from inercal.cli.outputs import PAGE, check_outputs
 
 if TYPE_CHECKING:
@@ -28,12 +28,11 @@ def run(
         "recording, or imported if there is no recording.",
         metavar="FILE",
     ),
-    stated: list[str] = typer.Option(
-        [],
+    stated: list[str] = repeated(
+        "Values that you know: --set data.gyro=gx,gy,gz, --set sensor.gyro.unit=°/s, "
+        '--set "data.rate=100 Hz".',
         "--set",
         metavar="KEY=VALUE",
-        help="Values that you know: --set data.gyro=gx,gy,gz, --set sensor.gyro.unit=°/s, "
-        '--set "data.rate=100 Hz".',
     ),
     terms: str | None = optional(
         "Terms to fit, such as NBK, instead of those that the data justify."
@@ -43,22 +42,19 @@ def run(
     ),
     spacing: str = typer.Option("octave", "--taus", help="Averaging times: octave, decade or all."),
     skip_disturbed: bool = flag("--skip-disturbed", "Exclude disturbed periods from the fit."),
-    skip_band: list[str] = typer.Option(
-        [],
+    skip_band: list[str] = repeated(
+        "Exclude a frequency band in Hz from the fit, such as that of a vibration: 3.5-5.5.",
         metavar="LOW-HIGH",
-        help="Exclude a frequency band in Hz from the fit, such as that of a vibration: 3.5-5.5.",
     ),
     report: bool = flag("--report", "Write a page with the plots."),
-    run_files: list[Path] = typer.Option(
-        [],
+    run_files: list[Path] = repeated(
+        "Write the noise to \\[sensor.*] in this run file; an existing file needs --force.",
         "--write",
         metavar="RUN_FILE",
-        help="Write the noise to \\[sensor.*] in this run file; an existing file needs --force.",
     ),
-    to: list[str] = typer.Option(
-        [],
+    to: list[str] = repeated(
+        "Write the noise for another program, or as the Q of a filter.",
         metavar="kalibr|vins_fusion|fast_lio|ros|filter",
-        help="Write the noise for another program, or as the Q of a filter.",
     ),
     horizon: float = typer.Option(
         100.0,

@@ -51,6 +51,11 @@ def optional(meaning: str, *names: str, **settings: Any) -> Any:
     return typer.Option(None, *names, help=meaning, **settings)
 
 
+def repeated(meaning: str, *names: str, **settings: Any) -> Any:
+    """Return an option that can be given several times, and is an empty list by default."""
+    return typer.Option([], *names, help=meaning, **settings)
+
+
 def out_option(meaning: str) -> Any:
     """Return the option `--out` of a verb that has a default place for its output, or none."""
     return optional(meaning, "--out", "-o")

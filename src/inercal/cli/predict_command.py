@@ -14,7 +14,7 @@ from inercal.cli.console import (
     print_written_files,
     report_line,
 )
-from inercal.cli.options import Force, Json, flag, optional, out_option
+from inercal.cli.options import Force, Json, flag, optional, out_option, repeated
 from inercal.cli.outputs import PAGE, PREDICTIONS, check_outputs, require_suffix, source_files
 
 if TYPE_CHECKING:
@@ -25,9 +25,8 @@ _LEAST_SHARE = 0.005  # smallest share that is printed
 
 def run(
     calibration_file: Path = typer.Argument(help="A *.calibration.json file."),
-    at: list[str] = typer.Option(
-        [],
-        help='A point, such as "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"; m is the field.',
+    at: list[str] = repeated(
+        'A point, such as "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"; m is the field.'
     ),
     points: Path | None = optional(
         "A table of points: columns fx \\[g], …, wx \\[°/s], …, mx \\[µT], …, T \\[°C]."

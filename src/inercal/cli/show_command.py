@@ -16,7 +16,7 @@ from inercal.cli.console import (
     print_table,
     print_verdict,
 )
-from inercal.cli.options import Explain, Json, flag
+from inercal.cli.options import Explain, Json, flag, repeated
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
@@ -31,8 +31,8 @@ _OTHER_KEYS = {"g": "gravity", **dict.fromkeys(_EARTH, "latitude")}
 
 def run(
     file: Path = typer.Argument(help="A calibration file, a run file, or a recording."),
-    at: list[str] = typer.Option(
-        [], help='A temperature, such as "-30 °C", at which to show a calibration\'s coefficients.'
+    at: list[str] = repeated(
+        'A temperature, such as "-30 °C", at which to show a calibration\'s coefficients.'
     ),
     as_paper: bool = flag(
         "--as-paper",
