@@ -1,7 +1,6 @@
 """`inercal budget`: contribution of each imperfection to each coefficient."""
 
 from collections.abc import Sequence
-from importlib import import_module
 from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,7 +48,7 @@ def run(
         experiment_from_run,
         omitted_drift_notes,
     )
-    from inercal.report import write_budget
+    from inercal.report import report_packages
 
     page = out / f"{run_file.stem}.budget.html"
     table = out / f"{run_file.stem}.budget.json"
@@ -63,7 +62,8 @@ def run(
     warn_of_root(scheduler)
     with console.progress_status(f"first order of {plan.sensor.name}") as update, executor:
         experiment = experiment_from_run(plan)
-        import_module("inercal.report.budget_page")  # while the workers get ready
+        with report_packages():  # while the workers get ready
+            from inercal.report.budget_page import budget_page
         result = budget(
             experiment,
             trials,
@@ -75,7 +75,7 @@ def run(
         notes = omitted_drift_notes(plan)
         content = budget_as_dict(result) | method | {"notes": list(notes)}
         about = (f"method {plan.method.name}", f"estimator {plan.estimator}", *notes)
-        write_budget(result, page, " · ".join(about))
+        write_text(page, budget_page(result, " · ".join(about)))
         write_text(table, dumps(content, indent=1, ensure_ascii=False) + "\n")
     files = {"budget_file": str(table), "page": str(page)}
     if json:

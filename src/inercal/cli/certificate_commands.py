@@ -183,8 +183,7 @@ def verify(
             print(f"{one.name}: {words[one.passed]}: {one.text}")
         if not found.authentic:
             print("the certificate is not verified", file=sys.stderr)
-    if not found.authentic:
-        raise typer.Exit(3)
+    console.exit_if(not found.authentic)
 
 
 @app.command("copy")

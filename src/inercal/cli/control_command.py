@@ -1,5 +1,6 @@
 """`inercal control`: control charts for a check standard or a bench."""
 
+from collections.abc import Sequence
 from datetime import date
 from enum import StrEnum
 from pathlib import Path
@@ -16,6 +17,7 @@ from inercal.cli.outputs import CONTROL, PAGE, check_outputs
 
 if TYPE_CHECKING:
     from inercal.laboratory.check_standard import ControlCharts
+    from inercal.laboratory.check_standard.bench_charts import BenchCharts
     from inercal.laboratory.store import CalibrationEntry
 
 
@@ -63,20 +65,47 @@ def run(
         "restarts": days,
         "lasting": lasting.value,
     }
+    from inercal.basics.documents import document_text
+    from inercal.cli.control_view import doubtful_object, print_charts, print_doubtful
+    from inercal.laboratory.check_standard import chart_texts
+
     if bench is not None:
         session_inputs.require_single_source(files, table, sensor, bench)
         if same:
             raise InputError(
                 "--same: bench runs are always charted by day; remove it", key="--same"
             )
-        _chart_bench(bench, register, begin, options, out, force=force, json=json)
-        return
-    from inercal.basics.documents import document_text
-    from inercal.cli.control_view import doubtful_object, print_charts, print_doubtful
-    from inercal.laboratory.check_standard import CheckedSession, control_charts
-    from inercal.laboratory.check_standard.chart_texts import control_charts_object
+        found, doubtful, inputs = _chart_bench(bench, register, begin, options)
+        content = chart_texts.bench_charts_object(found)
+        stem = f"{bench.replace('/', '_').replace(' ', '_')}.bench_control"
+    else:
+        given, inputs = session_inputs.read_sessions(files, table, sensor, register, same)
+        found = _chart_sessions(given, begin, options)
+        doubtful = None if sensor is None else _doubtful_calibrations(register, sensor, found)
+        content = chart_texts.control_charts_object(found)
+        stem = f"{found.matched.sensor.name.replace('/', '_')}.control"
+    targets = _targets(out, stem, inputs, force=force)
+    if targets:
+        from inercal.report import report_packages
 
-    given, inputs = session_inputs.read_sessions(files, table, sensor, register, same)
+        write_text(targets[0], document_text(content))
+        with report_packages():
+            from inercal.report.control_page import charts_page
+        write_text(targets[1], charts_page(found, doubtful))
+    if json:
+        print_json(content | doubtful_object(doubtful))
+        return
+    print_charts(found)
+    print_doubtful(doubtful)
+    print_written_files(targets)
+
+
+def _chart_sessions(
+    given: Sequence[session_inputs.DatedSession], begin: str, options: dict[str, Any]
+) -> "ControlCharts":
+    """Chart the sessions of a check standard from a day on."""
+    from inercal.laboratory.check_standard import CheckedSession, control_charts
+
     undated = [one.session.label for one in given if not one.measured]
     if undated:
         raise InputError(
@@ -86,40 +115,25 @@ def run(
     charted = [CheckedSession(*one) for one in given if one.measured >= begin]
     if not charted:
         raise InputError(f"--since {begin}: no session since then", key="--since")
-    if late := [one for one in days if one > charted[-1].measured]:
+    if late := [one for one in options["restarts"] if one > charted[-1].measured]:
         raise InputError(f"--restart {late[0]}: no session since then", key="--restart")
-    found = control_charts(charted, **options)
-    doubtful = None if sensor is None else _doubtful_calibrations(register, sensor, found)
-    stem = f"{found.matched.sensor.name.replace('/', '_')}.control"
-    targets = _targets(out, stem, inputs, force=force)
-    if targets:
-        from inercal.report import write_control
-
-        write_text(targets[0], document_text(control_charts_object(found)))
-        write_control(found, targets[1], doubtful)
-    if json:
-        print_json(control_charts_object(found) | doubtful_object(doubtful))
-        return
-    print_charts(found)
-    print_doubtful(doubtful)
-    print_written_files(targets)
+    return control_charts(charted, **options)
 
 
 def _chart_bench(
-    bench: str,
-    register: str | None,
-    begin: str,
-    options: dict[str, Any],
-    out: Path | None,
-    *,
-    force: bool,
-    json: bool,
-) -> None:
-    """Chart the parameters of a bench in the register, as estimated by its own runs."""
-    from inercal.basics.documents import document_text
-    from inercal.cli.control_view import doubtful_object, print_bench_charts, print_doubtful
+    bench: str, register: str | None, begin: str, options: dict[str, Any]
+) -> "tuple[BenchCharts, list[CalibrationEntry], list[Path]]":
+    """Chart the parameters of a bench in the register, as estimated by its own runs.
+
+    Returns
+    -------
+    BenchCharts
+    list of CalibrationEntry
+        Calibrations from days on which the bench was doubtful.
+    list of Path
+        Files of the register.
+    """
     from inercal.laboratory.check_standard.bench_charts import ChartedRun, bench_charts
-    from inercal.laboratory.check_standard.chart_texts import bench_charts_object
     from inercal.laboratory.store.uses import calibrations_of_bench
 
     with open_register(register, create=False) as opened:
@@ -136,19 +150,7 @@ def _chart_bench(
     ]
     found = bench_charts(bench, runs, **options)
     doubtful = [one for one in entries if any(e.holds(one.measured) for e in found.episodes)]
-    stem = f"{bench.replace('/', '_').replace(' ', '_')}.bench_control"
-    targets = _targets(out, stem, inputs, force=force)
-    if targets:
-        from inercal.report import write_bench_control
-
-        write_text(targets[0], document_text(bench_charts_object(found)))
-        write_bench_control(found, targets[1], doubtful)
-    if json:
-        print_json(bench_charts_object(found) | doubtful_object(doubtful))
-        return
-    print_bench_charts(found)
-    print_doubtful(doubtful)
-    print_written_files(targets)
+    return found, doubtful, inputs
 
 
 def _targets(out: Path | None, stem: str, inputs: list[Path], *, force: bool) -> list[Path]:

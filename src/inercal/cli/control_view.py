@@ -16,7 +16,15 @@ if TYPE_CHECKING:
 _NEWEST = 20  # number of days listed in the table
 
 
-def print_charts(found: ControlCharts) -> None:
+def print_charts(found: ControlCharts | BenchCharts) -> None:
+    """Print the newest statistics of control charts, and the conclusions from them."""
+    if isinstance(found, BenchCharts):
+        _print_bench_charts(found)
+    else:
+        _print_control_charts(found)
+
+
+def _print_control_charts(found: ControlCharts) -> None:
     """Print the statistics for the newest days, and the conclusions from the charts."""
     days, limits, values = len(found.points), found.limits, found.values
     print_line(
@@ -47,7 +55,7 @@ def print_charts(found: ControlCharts) -> None:
     print_lines(chart_texts.control_lines(found), "· ")
 
 
-def print_bench_charts(found: BenchCharts) -> None:
+def _print_bench_charts(found: BenchCharts) -> None:
     """Print the newest statistics for each bench parameter, and the days with signals."""
     first, last = (chart_texts.day(found.runs[k].measured) for k in (0, -1))
     print_line(

@@ -13,7 +13,7 @@ from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.cli import export_command
-from inercal.cli.console import open_register, print_json, progress_status, report_line
+from inercal.cli.console import exit_if, open_register, print_json, progress_status, report_line
 from inercal.cli.options import (
     Force,
     Json,
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from inercal.fleet.calibration import Counts
     from inercal.fleet.line import Line
 
-FAILED = 3  # exit status: some sensors have no reliable result
 _WORKER_MODULES = """
     fleet.batch calibration.files benches.hand.kind benches.hand.reading methods.six_position
     methods.residuals estimation.fitting pipeline recordings.io.npz
@@ -127,8 +126,7 @@ def calibrate(
             entered = format_count(content["entered"], "calibration is", "calibrations are")
             print(f"{entered} in {content['register']}")
         print(f"wrote {folder}")
-    if without or found.unreliable:
-        raise typer.Exit(FAILED)
+    exit_if(without or found.unreliable)
 
 
 @app.command()
@@ -346,5 +344,4 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: fl
     except KeyboardInterrupt:
         pass  # the usual way to end a station
     print(f"{done - failed} passed, {failed} failed")
-    if failed:
-        raise typer.Exit(FAILED)
+    exit_if(failed)

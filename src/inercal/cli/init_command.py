@@ -50,10 +50,12 @@ def run(
     write_text(path, draft.text)
     missing = None
     if report:
-        from inercal.report import write_draft
+        from inercal.report import report_packages
 
         try:
-            files["page"] = write_draft(draft, page)
+            with report_packages():
+                from inercal.report.recording_pages import draft_page
+            files["page"] = write_text(page, draft_page(draft))
         except MissingExtra as error:
             missing = error
     if json:

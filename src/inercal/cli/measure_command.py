@@ -13,7 +13,7 @@ from inercal.basics.atomic_files import keep_previous
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.basics.visible_text import visible_text
-from inercal.cli.console import print_json
+from inercal.cli.console import exit_if, print_json
 from inercal.cli.options import flag, optional, out_option, repeated
 from inercal.cli.outputs import WORKSHEET, check_outputs, require_suffix
 from inercal.physics.quantities import QUANTITIES
@@ -122,8 +122,7 @@ def run(
         if not path.is_file() or path.read_bytes() != before:
             print(f"wrote {path}")
         print(after)
-    if not complete:
-        raise typer.Exit(_OPEN)
+    exit_if(not complete, _OPEN)
 
 
 def _run_and_table(plan: Path, run_file: Path | None, out: Path | None) -> "tuple[Run, Path]":

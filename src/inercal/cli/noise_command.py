@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
-from inercal.cli.console import open_register, print_json, print_written_files, progress_status
+from inercal.cli import console
 from inercal.cli.log_drafts import stated_keys
 from inercal.cli.noise_outputs import NoiseFiles
 from inercal.cli.options import Force, Json, flag, optional, repeated
@@ -117,9 +118,9 @@ def run(
         long = open_long_rest_recording(recording, known)
     if long is not None:
         _require_possible_in_blocks(recording, method, spacing, skip_disturbed=skip_disturbed)
-        with progress_status(f"reading {recording} in blocks"):
+        with console.progress_status(f"reading {recording} in blocks"):
             stream = long.stream()
-        with progress_status(f"analysing {recording}"):
+        with console.progress_status(f"analysing {recording}"):
             from inercal.noise.analysis import candidate_models
 
             readings = stream.block_mean_recording()
@@ -127,10 +128,10 @@ def run(
             analysis = stream.analysis(candidate_models(terms), bands, long.table.sha256())
             analysis = replace(analysis, movement=moved)
     else:
-        with progress_status(f"reading {recording}"):
+        with console.progress_status(f"reading {recording}"):
             readings = _read(recording, known)
             _require_rest(readings, section, to, register)
-        with progress_status(f"analysing {recording}"):
+        with console.progress_status(f"analysing {recording}"):
             from inercal.noise import analyse_noise
 
             analysis = analyse_noise(
@@ -150,12 +151,12 @@ def run(
     compared = () if sheet is None else compare_with_sheet(analysis, sheet)
     files = targets.write(recording.stem, sensor_noise(analysis)) if targets.are_wanted else {}
     for kind, path in pages.items():
-        from inercal.report import write_noise
+        from inercal.report.noise_page import noise_page
 
-        files[kind] = write_noise(analysis, readings, path, sheet)
+        files[kind] = write_text(path, noise_page(analysis, readings, sheet))
     entered: dict[str, str | int] = {}
     if register is not None:
-        with open_register(register, by) as opened:
+        with console.open_register(register, by) as opened:
             number = opened.enter_noise(analysis, name, measured)
             entered = {"register": opened.address, "sensor": name, "number": number}
     if json:
@@ -164,18 +165,17 @@ def run(
         content = analysis_object(analysis) | {key: str(path) for key, path in files.items()}
         if sheet is not None:
             content["data_sheet"] = sheet_object(sheet, compared)
-        print_json(content | ({"entered": entered} if entered else {}))
+        console.print_json(content | ({"entered": entered} if entered else {}))
     else:
         print_analysis(analysis)
         if sheet is not None:
             print_comparison_with_sheet(compared, sheet)
-        print_written_files(files.values())
+        console.print_written_files(files.values())
         if entered:
             print(
                 f"{entered['register']}: noise analysis {entered['number']} of {entered['sensor']}"
             )
-    if analysis.movement:
-        raise typer.Exit(3)
+    console.exit_if(analysis.movement)
 
 
 def _require_rest(
@@ -342,7 +342,8 @@ def _import_data_sheet(
     targets.check(path.stem, [path])
     files = targets.write(path.stem, sheet.sensor_noise)
     if json:
-        print_json({"data_sheet": sheet_object(sheet)} | {k: str(one) for k, one in files.items()})
+        written = {kind: str(one) for kind, one in files.items()}
+        console.print_json({"data_sheet": sheet_object(sheet)} | written)
         return
     print_sheet(sheet)
-    print_written_files(files.values())
+    console.print_written_files(files.values())

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError, error_location
 from inercal.cli import console
 from inercal.cli.options import Force, Json, flag, optional, out_option, repeated
@@ -63,9 +64,11 @@ def run(
     with error_location(f"{points or calibration_file}"):
         found = calibration.predict(**chosen, extrapolate=extrapolate)
     if sweep and out is not None:
-        from inercal.report import write_prediction
+        from inercal.report import report_packages
 
-        write_prediction(calibration, found, name, out)
+        with report_packages():
+            from inercal.report.budget_page import prediction_page
+        write_text(out, prediction_page(calibration, found, name))
     elif out is not None:
         from inercal.recordings.io.mean_tables import write_means
 

@@ -7,7 +7,7 @@ import typer
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_number
-from inercal.cli.console import print_json, progress_status
+from inercal.cli.console import exit_if, print_json, progress_status
 from inercal.cli.options import Scheduler, Workers, flag, optional, out_option, warn_of_root
 from inercal.cli.outputs import PAGE, check_outputs
 
@@ -100,8 +100,7 @@ def _reproduce_bundle(path: Path, json: bool) -> None:
             if found.reproduced
             else f"not reproduced: a difference of more than {TOLERANCE} u, or a different verdict"
         )
-    if not found.reproduced:
-        raise typer.Exit(3)
+    exit_if(not found.reproduced)
 
 
 def _print(study: "Study") -> None:

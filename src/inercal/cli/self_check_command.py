@@ -5,11 +5,9 @@ from pathlib import Path
 import typer
 
 from inercal.basics.atomic_files import write_text
-from inercal.cli.console import print_json, progress_status
+from inercal.cli.console import exit_if, print_json, progress_status
 from inercal.cli.options import flag, repeated
 from inercal.cli.outputs import SELF_CHECK, check_outputs
-
-_FAILED = 3  # the exit status
 
 
 def run(
@@ -36,5 +34,4 @@ def run(
         path = out / f"self-check-{day_and_time}.txt"
         check_outputs({path: SELF_CHECK})
         print(f"wrote {write_text(path, text)}")
-    if not check.passed:
-        raise typer.Exit(_FAILED)
+    exit_if(not check.passed)
