@@ -109,7 +109,7 @@ def _print(study: "Study") -> None:
     from rich.text import Text
 
     from inercal.cli.terminal import terminal
-    from inercal.studies.claim import format_significant
+    from inercal.studies.claim import shown
 
     table = Table(title=study.title, caption=study.source, box=box.SIMPLE, pad_edge=False)
     table.add_column("claim", ratio=1)
@@ -119,7 +119,7 @@ def _print(study: "Study") -> None:
     for section in study.sections:
         for finding in section.findings:
             claim = finding.claim
-            u = format_significant(finding.uncertainty) if finding.uncertainty else "0"
+            u = shown(finding.uncertainty) if finding.uncertainty else "0"
             title = claim.title + (f", {claim.unit}" if claim.unit else "")
             verdict = Text(finding.verdict, _COLOURS[finding.verdict])
             if claim.printed is None:

@@ -9,7 +9,7 @@ from inercal.methods.centrifuge_norm import RATES, closed_formulas
 from inercal.physics.plan import Spin
 from inercal.studies import study
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
-from inercal.studies.claim import format_all, format_significant
+from inercal.studies.claim import format_all, shown
 
 TEXT = study.read_section_text("inercal.studies.centrifuge", "efficiency")
 
@@ -92,7 +92,7 @@ def section(trials: simulated.CentrifugeTrials) -> study.StudySection:
             study.StudyTable("How well the plans determine the 13 terms of (13)", "plan",
                   ("dwells", "rank", "scaled\ncondition number", "worst\nseparated"),
                   [(name, [str(len(spins)), str(r),
-                           *((format_significant(c, 3), least_observable_terms(spins))
+                           *((shown(c, 3), least_observable_terms(spins))
                              if r == TERM_COUNT else ("singular", ""))])
                    for name, (spins, r, c) in ranks.items()]),
         ),
@@ -116,8 +116,8 @@ def section(trials: simulated.CentrifugeTrials) -> study.StudySection:
         expected=2 / np.sqrt(2 * n),
         chi2=chi2.mean(),
         dof=trials.dof,
-        least_worse=format_significant(float((trials.std('paper') / trials.bound)[2].min())),
-        most_worse=format_significant(float((trials.std('paper') / trials.bound)[2].max())),
+        least_worse=shown(float((trials.std('paper') / trials.bound)[2].min())),
+        most_worse=shown(float((trials.std('paper') / trials.bound)[2].max())),
         better_scale=best[0, 1],
         better_bend=best[2, 1]
     )  # fmt: skip

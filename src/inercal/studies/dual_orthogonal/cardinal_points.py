@@ -10,7 +10,7 @@ from inercal.methods.dual_orthogonal.patent_estimator import four_points
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0
 from inercal.studies import study
-from inercal.studies.claim import format_significant, rms
+from inercal.studies.claim import rms, shown
 from inercal.studies.dual_orthogonal import simulated_head as simulated
 
 TEXT = study.read_section_text("inercal.studies.dual_orthogonal", "four-points")
@@ -82,9 +82,9 @@ def section(trials: int, seed: int) -> study.StudySection:
     findings = (
         TEXT.judge("first", missing.value, missing.u,
             "the remaining error is ½δ², from the cosine of the mounting angle: "
-            f"{format_significant(-mounting_angle_error(JUDGED_ANGLE * simulated.ARCSEC), 3)} µg "
+            f"{shown(-mounting_angle_error(JUDGED_ANGLE * simulated.ARCSEC), 3)} µg "
             f"if the angle is {JUDGED_ANGLE:g}″, and √3 times that if this is its scatter; with "
-            f"the correction it is {format_significant(corrected.value)} µg"),
+            f"the correction it is {shown(corrected.value)} µg"),
         TEXT.judge("carried", by_up, u,
             "the mean of readings up and down is K0 + K2; the mean of two level readings is K0"),
     )  # fmt: skip
@@ -93,7 +93,7 @@ def section(trials: int, seed: int) -> study.StudySection:
     scatter = np.array(
         [[rms(e).value for e in gain_errors(a, trials, seed)] for a in angles.tolist()]
     )
-    tilts = [(words, [format_significant(x) if abs(x) > 1e-3 else "0" for x in off])
+    tilts = [(words, [shown(x) if abs(x) > 1e-3 else "0" for x in off])
              for words, off in base_tilt_errors().items()]  # fmt: skip
     return TEXT.section(
         findings,
@@ -101,8 +101,8 @@ def section(trials: int, seed: int) -> study.StudySection:
             study.StudyTable("Error of k1 + K3, µg, by mounting angle; 1σ without noise and head "
                   "errors", "mounting angle", ("this angle,\nno correction", "1σ,\nno correction",
                                      "1σ,\ncorrected"),
-                  [(f"{a:g}″", [format_significant(left[k], 3),
-                                *(format_significant(x) for x in scatter[k])])
+                  [(f"{a:g}″", [shown(left[k], 3),
+                                *(shown(x) for x in scatter[k])])
                    for k, a in enumerate(ANGLES)]),
             study.StudyTable(f"Errors, µg, from a lasting base tilt of {BASE_DRIFT:g}″", "tilts",
                   ("K0 of A", "K2 of A", "K0 of B", "K2 of B"), tilts),

@@ -14,7 +14,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.studies import study
-from inercal.studies.claim import Rms, format_significant, rms
+from inercal.studies.claim import Rms, rms, shown
 from inercal.studies.dual_orthogonal.simulated_head import (
     ARCSEC,
     AUTOCOLLIMATOR,
@@ -141,13 +141,12 @@ def section(results: Sequence[Any]) -> study.StudySection:
     findings = (
         TEXT.judge("in_all", whole.value, whole.u,
             f"two readings of {AUTOCOLLIMATOR:g}″ in each pair already contribute "
-            f"{format_significant(k0[_AUTOCOLLIMATOR_ITEM])} µg; "
-            f"{format_significant(allowed_autocollimator_deviation(k0))}″ would be sufficient, or "
-            "a face at every position, which gives "
-            f"{format_significant(rms(faces[ALL_ITEMS]['K0']).value)} µg"),
+            f"{shown(k0[_AUTOCOLLIMATOR_ITEM])} µg; {shown(allowed_autocollimator_deviation(k0))}″ "
+            "would be sufficient, or a face at every position, which gives "
+            f"{shown(rms(faces[ALL_ITEMS]['K0']).value)} µg"),
         TEXT.judge("tilting", moving["patent"].value, moving["patent"].u,
             "the autocollimator is mounted on the base and does not detect its tilt; with a face "
-            f"at every position it is {format_significant(moving[EVERY_FACE].value)} µg"),
+            f"at every position it is {shown(moving[EVERY_FACE].value)} µg"),
         TEXT.judge("leaning", leaning.value, leaning.u,
             f"effect of a lean of {SPINDLE_LEAN:g}″ on the coefficient that it changes most, k1 + "
             "K3"),
@@ -164,10 +163,7 @@ def _table(found: ErrorsByItem, moving: Mapping[str, Rms]) -> study.StudyTable:
     def row(name: str, size: str, values: Array) -> tuple[str, list[str]]:
         return name, [
             size,
-            *(
-                "" if np.isnan(x) else format_significant(x) if x > _TABLE_MINIMUM else "0"
-                for x in values
-            ),
+            *("" if np.isnan(x) else shown(x) if x > _TABLE_MINIMUM else "0" for x in values),
         ]
 
     counted = {name: of(name) for name in ITEMS if name != BASE_TILT_ITEM}

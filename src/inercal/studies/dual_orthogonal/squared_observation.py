@@ -20,7 +20,7 @@ from inercal.benches.dividing_head.passes import matches_any_angle
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.physics.sensors import G0
 from inercal.studies import study
-from inercal.studies.claim import Rms, format_all, format_significant, rms
+from inercal.studies.claim import Rms, format_all, rms, shown
 from inercal.studies.dual_orthogonal import simulated_head as simulated
 from inercal.studies.study import StudySection, StudyTable, read_section_text
 
@@ -112,7 +112,7 @@ def section(trials: int, seed: int) -> StudySection:
         findings.append(
             TEXT.judge(claim, worst.value, worst.u,
                 f"the RMS of its error in the coefficient of {HARMONICS[k]}, the worst; the "
-                f"error of the exact form ‖f̂‖ = g is {format_significant(form.exact)} µg")
+                f"error of the exact form ‖f̂‖ = g is {shown(form.exact)} µg")
         )  # fmt: skip
     nulls = "; ".join(
         f"{words}: ({', '.join(map(_source_symbol, weights))}) = "
@@ -131,7 +131,7 @@ def section(trials: int, seed: int) -> StudySection:
             _size_table(trials, seed),
         ),
         nulls=nulls,
-        left=format_significant(left, 1),
+        left=shown(left, 1),
     )  # fmt: skip
 
 
@@ -148,7 +148,7 @@ def _size_table(trials: int, seed: int) -> StudyTable:
         small = simulated.method_errors(method, trials, seed, sizes=simulated.SIZES)
         large = simulated.method_errors(method, trials, seed, sizes=simulated.LARGE_SIZES)
         cells = [
-            f"{format_significant(rms(large[name]).value, 3)} "
+            f"{shown(rms(large[name]).value, 3)} "
             f"({simulated.rms_ratio(large[name], small[name]).value:.3f})"
             for name in simulated.COLUMNS
         ]
@@ -310,7 +310,7 @@ def step_section(results: Sequence[Any]) -> study.StudySection:
 
 
 def _rms_cell(e: Array | None) -> str:
-    return "refused" if e is None else format_significant(rms(e).value, 3)
+    return "refused" if e is None else shown(rms(e).value, 3)
 
 
 def _step_table(found: Sequence[StepEffect]) -> study.StudyTable:

@@ -22,7 +22,7 @@ from inercal.methods.ship_multi_angle.norm_equations import (
 )
 from inercal.physics.frames import exp_so3
 from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel
-from inercal.studies.claim import format_all, format_significant
+from inercal.studies.claim import format_all, shown
 from inercal.studies.ship_model import simulated_rate_table as simulated
 from inercal.studies.study import Call, StudySection, StudyTable, read_section_text
 
@@ -133,8 +133,8 @@ def section(
                   "estimator", ("norms, median", "vectors, median", "vectors, 95 %"),
                   table),
         ),
-        joint=format_significant(best.value),
-        planar=format_significant(plain.value),
+        joint=shown(best.value),
+        planar=shown(plain.value),
         lost=lost,
     )  # fmt: skip
 
@@ -220,12 +220,11 @@ def damped_section(found: EstimatorComparison) -> StudySection:
     worse = (found.vector_errors("damped") > found.vector_errors("planar")).mean()
     findings = (
         DAMPING_TEXT.judge("fits", *simulated.median_ratio(*norms),
-            f"{format_significant(norms[1].value)} mg before, {format_significant(norms[0].value)} "
+            f"{shown(norms[1].value)} mg before, {shown(norms[0].value)} "
             "mg after: the minimised quantity decreases"),
         DAMPING_TEXT.judge("betters", *simulated.median_ratio(*vectors),
-            f"{format_significant(vectors[1].value)} mg before, "
-            f"{format_significant(vectors[0].value)} mg after; the vector error increases for "
-            f"{worse:.0%} of the devices"),
+            f"{shown(vectors[1].value)} mg before, {shown(vectors[0].value)} mg after; the vector "
+            f"error increases for {worse:.0%} of the devices"),
     )  # fmt: skip
     return DAMPING_TEXT.section(findings)
 
@@ -236,4 +235,4 @@ def _free_direction_names(left: FreeDirections) -> str:
 
 
 def _bound_text(x: float) -> str:
-    return f"less than {format_significant(10.0 ** np.ceil(np.log10(max(x, 1e-16))), 1)}"
+    return f"less than {shown(10.0 ** np.ceil(np.log10(max(x, 1e-16))), 1)}"

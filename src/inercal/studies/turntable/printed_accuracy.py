@@ -12,7 +12,7 @@ from inercal.benches.turntable.paths import discrete_path, fast_path, paper_path
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.physics.sensors import G0
 from inercal.studies import study
-from inercal.studies.claim import ClaimResult, Rms, format_all, format_significant
+from inercal.studies.claim import ClaimResult, Rms, format_all, shown
 from inercal.studies.turntable import turntable_trials as trials
 from inercal.studies.turntable.simulated_turntable import ARW, LATENCY, MICRO_G, PPM, TABLE
 
@@ -49,7 +49,7 @@ def accuracy_section(found: trials.TurntableTrials) -> study.StudySection:
         (_chart(found),),
         seconds=REST_SECONDS,
         bias=BIAS_BOUND,
-        walk=format_significant(required_random_walk(REST_SECONDS)),
+        walk=shown(required_random_walk(REST_SECONDS)),
     )
 
 
@@ -64,21 +64,20 @@ def _gyro_findings(found: trials.TurntableTrials) -> list[ClaimResult]:
         trials.score_filter(found.gyros[trials.REST_ALONE], "g").bias,
     )
     share = {name: _share_text(found, name) for name in (OWN_PATH, WHOLE_RECORDING)}
-    alone = format_significant(ARW / required_random_walk(REST_SECONDS) * BIAS_BOUND)
+    alone = shown(ARW / required_random_walk(REST_SECONDS) * BIAS_BOUND)
     reasons = {
         "bias": f"{share[OWN_PATH]} of the devices reach it on all three axes",
-        "scale": f"{format_significant(own['scale'].value)} ppm",
-        "misalignment": format_significant(result[OWN_PATH].misalignment.value)
-        + "″ RMS of all six",
+        "scale": f"{shown(own['scale'].value)} ppm",
+        "misalignment": shown(result[OWN_PATH].misalignment.value) + "″ RMS of all six",
     }
     return [
         ACCURACY_TEXT.judge("gyro_bias", *own["bias"], reasons["bias"]),
         ACCURACY_TEXT.judge("at_rest", *rest,
             f"RMS of one axis; its white noise already gives {alone} °/min, and "
-            f"{format_significant(required_random_walk(REST_SECONDS))} °/√h would be sufficient"),
+            f"{shown(required_random_walk(REST_SECONDS))} °/√h would be sufficient"),
         ACCURACY_TEXT.judge("better", *whole["bias"],
             f"{share[WHOLE_RECORDING]} of the devices reach it on all three axes, with an RMS of "
-            f"one axis of {format_significant(result[WHOLE_RECORDING].bias.value)} °/min"),
+            f"one axis of {shown(result[WHOLE_RECORDING].bias.value)} °/min"),
         *(
             ACCURACY_TEXT.judge(f"gyro_{kind}", *_in_printed_unit(own[kind], "g", kind),
                 reasons[kind])
@@ -90,9 +89,9 @@ def _gyro_findings(found: trials.TurntableTrials) -> list[ClaimResult]:
 def _accelerometer_findings(found: trials.TurntableTrials) -> list[ClaimResult]:
     result = trials.score_filter(found.accelerometers[EIGHTEEN_STATES], "a")
     words = {
-        "bias": f"{format_significant(result.largest_axis['bias'].value)} µg",
-        "scale": f"{format_significant(result.largest_axis['scale'].value)} ppm",
-        "misalignment": f"{format_significant(result.misalignment.value)}″ RMS of all six",
+        "bias": f"{shown(result.largest_axis['bias'].value)} µg",
+        "scale": f"{shown(result.largest_axis['scale'].value)} ppm",
+        "misalignment": f"{shown(result.misalignment.value)}″ RMS of all six",
     }
     return [
         ACCURACY_TEXT.judge(
@@ -181,9 +180,7 @@ def time_section(found: trials.TurntableTrials) -> study.StudySection:
         for name in (EIGHTEEN_STATES, "full", trials.DISCRETE_PROCEDURE)
     }
     angles = {
-        of: ", ".join(
-            f"{format_significant(x.misalignment.value)}″ with {name}" for name, x in some.items()
-        )
+        of: ", ".join(f"{shown(x.misalignment.value)}″ with {name}" for name, x in some.items())
         for of, some in (("g", gyros), ("a", held))
     }
     findings = (
@@ -248,9 +245,8 @@ def states_section(found: trials.TurntableTrials) -> study.StudySection:
         one, other = trials.nees(runs[name]), trials.nees(runs[better])
         findings.append(
             STATES_TEXT.judge(f"know_{of}", *one,
-                f"squared errors over stated variances, 1 if these are correct; with the "
-                f"table's errors as states it is {format_significant(other.value)} ± "
-                f"{format_significant(other.u, 1)}")
+                "squared errors over stated variances, 1 if these are correct; with the table's "
+                f"errors as states it is {shown(other.value)} ± {shown(other.u, 1)}")
         )  # fmt: skip
     gyros = (*trials.GYRO_RUNS, trials.TURNS_BOTH_WAYS, trials.DISCRETE_PROCEDURE)
     held = (*trials.ACCELEROMETER_RUNS, trials.DISCRETE_PROCEDURE)
@@ -270,10 +266,7 @@ def _states_table(
     title: str, names: Sequence[str], runs: dict[str, list[trials.FilterErrors]], of: str
 ) -> study.StudyTable:
     scores = {name: trials.score_filter(runs[name], of) for name in names}
-    rows = [
-        (name, [*format_all(one[:4]), format_significant(one.nees.u, 1)])
-        for name, one in scores.items()
-    ]
+    rows = [(name, [*format_all(one[:4]), shown(one.nees.u, 1)]) for name, one in scores.items()]
     return study.StudyTable(title, "filter", _HEADS, rows)
 
 
@@ -332,27 +325,26 @@ def failures_section(found: trials.TurntableTrials) -> study.StudySection:
         FAILURES_TEXT.judge("fed_back", *lost.largest_axis["misalignment"],
             f"without feedback, a raw bias of 0.3 °/s rotates the attitude until the first-order "
             f"equations no longer hold; with feedback the error is "
-            f"{format_significant(own.largest_axis['misalignment'].value)}″"),
+            f"{shown(own.largest_axis['misalignment'].value)}″"),
         FAILURES_TEXT.judge("ends", float(max(found.decided_at_ends)), 0.0,
             "after whole turns the effects of misalignments cancel, so none of the six can be "
             "determined; attitudes must be compared continuously"),
         FAILURES_TEXT.judge("enough", *sensed.largest_axis["misalignment"],
-            f"the bias error is {format_significant(sensed.bias.value)} °/min and the NEES "
-            f"{format_significant(sensed.nees.value)}; with nine more states and the whole "
-            f"recording the misalignment error is "
-            f"{format_significant(modelled.largest_axis['misalignment'].value)}″"),
+            f"the bias error is {shown(sensed.bias.value)} °/min and the NEES "
+            f"{shown(sensed.nees.value)}; with nine more states and the whole recording the "
+            f"misalignment error is {shown(modelled.largest_axis['misalignment'].value)}″"),
         FAILURES_TEXT.judge("on_time", *late.largest_axis["misalignment"],
-            f"the NEES is {format_significant(late.nees.value)}; if the delay is a state, the "
-            f"error is {format_significant(delayed.largest_axis['misalignment'].value)}″"),
+            f"the NEES is {shown(late.nees.value)}; if the delay is a state, the "
+            f"error is {shown(delayed.largest_axis['misalignment'].value)}″"),
     )  # fmt: skip
     return FAILURES_TEXT.section(
         findings,
         (_failures_table(result),),
         latency_ms=LATENCY / 1e-3,
-        rest=format_significant(result[trials.REST_ALONE].bias.value),
-        alone=format_significant(result[NINETEEN_STATES].bias.value),
-        both=format_significant(result[trials.TURNS_BOTH_WAYS].bias.value),
-        whole=format_significant(result[FULL_STATES].bias.value),
+        rest=shown(result[trials.REST_ALONE].bias.value),
+        alone=shown(result[NINETEEN_STATES].bias.value),
+        both=shown(result[trials.TURNS_BOTH_WAYS].bias.value),
+        whole=shown(result[FULL_STATES].bias.value),
     )
 
 
