@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from inercal.basics.errors import InercalError, InputError
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -54,8 +56,6 @@ def draw_refusal(run: "Run", page: "Path | None") -> Generator[None]:
     page : Path or None
         The page to write, or None for no page.
     """
-    from inercal.basics.errors import InercalError
-
     try:
         yield
     except InercalError as error:
@@ -67,7 +67,6 @@ def draw_refusal(run: "Run", page: "Path | None") -> Generator[None]:
 def _write_refusal_page(run: "Run", message: str, page: "Path") -> bool:
     """Write the page about a refusal, and return whether it was written."""
     from inercal.basics.atomic_files import write_text
-    from inercal.basics.errors import InputError
     from inercal.pipeline.outcome import inspect_refused_recording
     from inercal.report import report_packages
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from inercal.basics.errors import InputError, error_location
-from inercal.basics.units import format_number, format_quantity, si_factor
+from inercal.basics.units import format_number, format_quantity, si_factor, to_si
 from inercal.cli.console import print_json, report_line
 from inercal.cli.options import Force, Json, assignments, flag, optional, out_option, repeated
 from inercal.cli.outputs import OutputKind, check_output_folder, check_outputs, source_files
@@ -140,8 +140,6 @@ def parse_range(text: str | None, unit: str, option: str) -> "Range | None":
     if text is None:
         return None
     import numpy as np
-
-    from inercal.basics.units import to_si
 
     parts = text.split(maxsplit=2)
     try:

@@ -14,7 +14,7 @@ import typer
 
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InercalError, InputError
-from inercal.basics.units import format_duration
+from inercal.basics.units import format_duration, format_value_and_uncertainty, parse_quantity
 from inercal.cli import console
 from inercal.cli.options import Force, Json, Scheduler, Workers, optional, out_option, warn_of_root
 from inercal.cli.outputs import WORKSHEET, check_outputs, require_suffix
@@ -98,7 +98,6 @@ def print_optimised_plan(
     json: bool,
 ) -> None:
     """Search for a path, print its plan and write it to a file."""
-    from inercal.basics.units import parse_quantity
     from inercal.benches.turntable import require_turntable
     from inercal.pipeline.design.path_search import path_table, search_path, with_path
     from inercal.runfile import read
@@ -282,7 +281,6 @@ def _uncertainty_as_object(expected: "ExpectedUncertainty") -> dict[str, Any]:
 
 
 def _print(run: "Run", plan: _Plan) -> None:
-    from inercal.basics.units import format_value_and_uncertainty
     from inercal.estimation.uncertainty import COVERAGE
 
     console.print_table(plan.heads, plan.rows, title=plan.title)
