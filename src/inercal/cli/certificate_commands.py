@@ -3,9 +3,8 @@
 import os
 import sys
 from datetime import date
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer.core import TyperGroup
@@ -31,12 +30,6 @@ class _Commands(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-class _Language(StrEnum):
-    en = "en"
-    de = "de"
-    zh = "zh"
-
-
 app = typer.Typer(
     cls=_Commands,
     help="Issue a calibration certificate (PDF/A-3 and DCC) from a calibration file: "
@@ -56,7 +49,7 @@ def issue(
     lab: Path = typer.Option(help="The laboratory file (TOML)."),
     job: Path | None = optional("A TOML file whose \\[job] adds keys to the run's \\[job]."),
     as_found: Path | None = optional("The calibration file from before the adjustment."),
-    language: _Language = typer.Option(_Language.en, help="Language: en, de or zh."),
+    language: Literal["en", "de", "zh"] = typer.Option("en", help="Language: en, de or zh."),
     issued: str | None = optional("Date of issue, such as 2026-11-26; by default today.", "--date"),
     amends: str | None = optional("Number of the certificate that this one amends."),
     replaces: str | None = optional("Number of the certificate that it replaces."),
@@ -103,7 +96,7 @@ def issue(
         None if as_found is None else load(as_found),
         laboratory,
         read_job(calibration.job, job),
-        language.value,
+        language,
         day,
         draft,
     )

@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 from datetime import date
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
@@ -13,7 +12,7 @@ from inercal.basics.errors import InputError
 from inercal.cli import session_inputs
 from inercal.cli.console import open_register, print_json, print_written_files
 from inercal.cli.options import Force, Json, RegisterOption, optional, out_option
-from inercal.cli.outputs import CONTROL, PAGE, check_outputs
+from inercal.cli.outputs import CONTROL, PAGE, checked_targets
 
 if TYPE_CHECKING:
     from inercal.laboratory.check_standard import ControlCharts
@@ -21,18 +20,9 @@ if TYPE_CHECKING:
     from inercal.laboratory.store import CalibrationEntry
 
 
-class Lasting(StrEnum):
-    """Types of chart for small lasting changes."""
-
-    EWMA = "EWMA"
-    CUSUM = "CUSUM"
-
-
 def run(
     files: list[Path] | None = typer.Argument(
-        None,
-        help="Calibration files of the check standard.",
-        metavar="FILE…",
+        None, help="Calibration files of the check standard.", metavar="FILE…"
     ),
     table: session_inputs.Sessions = None,
     sensor: session_inputs.Sensor = None,
@@ -49,8 +39,8 @@ def run(
         "Day of a repair, such as 2026-03-01: EWMA and MEWMA restart after it."
     ),
     since: str | None = optional("First day of a new reference; earlier sessions are ignored."),
-    lasting: Lasting = typer.Option(
-        Lasting.EWMA, help="Type of chart for small lasting changes of a single value."
+    lasting: Literal["EWMA", "CUSUM"] = typer.Option(
+        "EWMA", help="Type of chart for small lasting changes of a single value."
     ),
     out: Path | None = out_option("Folder for the result and the page with the charts."),
     force: Force = False,
@@ -63,7 +53,7 @@ def run(
         "reference": reference,
         "run_length": run_length,
         "restarts": days,
-        "lasting": lasting.value,
+        "lasting": lasting,
     }
     from inercal.basics.documents import document_text
     from inercal.cli.control_view import doubtful_object, print_charts, print_doubtful
@@ -84,7 +74,8 @@ def run(
         doubtful = None if sensor is None else _doubtful_calibrations(register, sensor, found)
         content = chart_texts.control_charts_object(found)
         stem = f"{found.matched.sensor.name.replace('/', '_')}.control"
-    targets = _targets(out, stem, inputs, force=force)
+    kinds = {f"{stem}.json": CONTROL, f"{stem}.html": PAGE}
+    targets = checked_targets(out, kinds, inputs, force=force)
     if targets:
         from inercal.report import report_packages
 
@@ -151,15 +142,6 @@ def _chart_bench(
     found = bench_charts(bench, runs, **options)
     doubtful = [one for one in entries if any(e.holds(one.measured) for e in found.episodes)]
     return found, doubtful, inputs
-
-
-def _targets(out: Path | None, stem: str, inputs: list[Path], *, force: bool) -> list[Path]:
-    """Return the paths of the result and the page, or an empty list without a folder."""
-    if out is None:
-        return []
-    targets = [out / f"{stem}.json", out / f"{stem}.html"]
-    check_outputs(dict(zip(targets, (CONTROL, PAGE), strict=True)), inputs, force=force)
-    return targets
 
 
 def _day(text: str, option: str) -> str:

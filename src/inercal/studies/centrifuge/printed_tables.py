@@ -218,12 +218,7 @@ def estimates_section(trials: simulated.CentrifugeTrials) -> StudySection:
         at = entry.index
         true = simulated.TRUTH.values[at]
         printed = entry.value - true
-        cells = [
-            shown(true, 3),
-            shown(entry.value, 7),
-            shown(printed),
-            shown(abs(printed / true)),
-        ]
+        cells = [shown(true, 3), shown(entry.value, 7), shown(printed), shown(abs(printed / true))]
         cells += [shown(trials.noise_free[name][at]) for name in simulated.ESTIMATORS]
         cells += [shown(trials.std(name)[at]) for name in simulated.ESTIMATORS]
         rows.append((f"{entry.name}, {simulated.UNITS[entry.quantity]}", cells))
