@@ -168,13 +168,10 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
         "the same, divided by the bound from noise only": own / bound,
     }
     return TEXT.section(
-        findings,
-        (
-            StudyTable("Errors of S (V/g), b (g) and D (1/g)", "",
-                  [f"{q}_a{axis}" for q in QUANTITIES for axis in AXES],
-                  [(name, format_all(value.ravel()))
-                   for name, value in rows.items()]),
-        ),
+        *findings,
+        StudyTable("Errors of S (V/g), b (g) and D (1/g)", "",
+              [f"{q}_a{axis}" for q in QUANTITIES for axis in AXES],
+              [(name, format_all(value.ravel())) for name, value in rows.items()]),
         arrangements=lever.arrangements,
         finest=shown(lever.std.min() * 1e6),
         coarsest=shown(lever.std.max() * 1e6),

@@ -84,31 +84,26 @@ def section(trials: simulated.CentrifugeTrials) -> study.StudySection:
     best = trials.bound / round_
     chi2, n = trials.chi2, len(trials.chi2)
     return TEXT.section(
-        findings,
-        (
-            study.StudyTable("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
-                  [(name, format_all(value.ravel(), 3))
-                   for name, value in sets.items()]),
-            study.StudyTable("How well the plans determine the 13 terms of (13)", "plan",
-                  ("dwells", "rank", "scaled\ncondition number", "worst\nseparated"),
-                  [(name, [str(len(spins)), str(r),
-                           *((shown(c, 3), least_observable_terms(spins))
-                             if r == TERM_COUNT else ("singular", ""))])
-                   for name, (spins, r, c) in ranks.items()]),
-        ),
-        (
-            study.Chart(
-                "efficiency",
-                "Standard deviations divided by the Cramér–Rao bound of the printed design, from "
-                "norms only; 1 is the best that its data allow.",
-                [
-                    study.StudyPanel("", "", "σ / bound",
-                          [study.Curve(name.removesuffix(", scatter").removeprefix("bound: "),
-                                np.arange(9.0), (value / trials.bound).ravel(), connected=False)
-                           for name, value in sets.items() if name != "bound: norms"],
-                          names=heads),
-                ],
-            ),
+        *findings,
+        study.StudyTable("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
+              [(name, format_all(value.ravel(), 3)) for name, value in sets.items()]),
+        study.StudyTable("How well the plans determine the 13 terms of (13)", "plan",
+              ("dwells", "rank", "scaled\ncondition number", "worst\nseparated"),
+              [(name, [str(len(spins)), str(r),
+                       *((shown(c, 3), least_observable_terms(spins))
+                         if r == TERM_COUNT else ("singular", ""))])
+               for name, (spins, r, c) in ranks.items()]),
+        study.Chart(
+            "efficiency",
+            "Standard deviations divided by the Cramér–Rao bound of the printed design, from "
+            "norms only; 1 is the best that its data allow.",
+            [
+                study.StudyPanel("", "", "σ / bound",
+                      [study.Curve(name.removesuffix(", scatter").removeprefix("bound: "),
+                            np.arange(9.0), (value / trials.bound).ravel(), connected=False)
+                       for name, value in sets.items() if name != "bound: norms"],
+                      names=heads),
+            ],
         ),
         low=ratio.min(),
         high=ratio.max(),

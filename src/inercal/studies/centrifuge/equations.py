@@ -118,28 +118,26 @@ def taylor_section() -> study.StudySection:
     ]
     heads = [f"Δ{q}_a{axis}" for q in "SbD" for axis in "xyz"]
     return TAYLOR_TEXT.section(
-        findings,
-        (study.StudyTable("Errors by order: force (g), S (V/g), b (g) and D (1/g)", "",
-               ("f", *heads), rows),),
-        (
-            study.Chart(
-                "taylor",
-                "Error of the force by order at D = 5.7·10⁻⁵ 1/g (left), and the largest resulting "
-                "error of S, b and D (right). The source claims less than 10⁻⁴ g for order 2.",
-                (
-                    study.StudyPanel(
-                        "force", "f, g", "error, g",
-                        [study.Curve(f"order {n}", reach,
-                              np.maximum(np.abs(truncation_error(n, reach, np.array(bend))), 1e-12))
-                         for n in ORDERS],
-                    ),
-                    study.StudyPanel(
-                        "coefficients", "", "error",
-                        [study.Curve(q, np.arange(4.0),
-                              np.array([np.abs(shift[n][k]).max() for n in ORDERS]))
-                         for k, q in enumerate("SbD")],
-                        names=[f"order {n}" for n in ORDERS],
-                    ),
+        *findings,
+        study.StudyTable("Errors by order: force (g), S (V/g), b (g) and D (1/g)", "",
+               ("f", *heads), rows),
+        study.Chart(
+            "taylor",
+            "Error of the force by order at D = 5.7·10⁻⁵ 1/g (left), and the largest resulting "
+            "error of S, b and D (right). The source claims less than 10⁻⁴ g for order 2.",
+            (
+                study.StudyPanel(
+                    "force", "f, g", "error, g",
+                    [study.Curve(f"order {n}", reach,
+                          np.maximum(np.abs(truncation_error(n, reach, np.array(bend))), 1e-12))
+                     for n in ORDERS],
+                ),
+                study.StudyPanel(
+                    "coefficients", "", "error",
+                    [study.Curve(q, np.arange(4.0),
+                          np.array([np.abs(shift[n][k]).max() for n in ORDERS]))
+                     for k, q in enumerate("SbD")],
+                    names=[f"order {n}" for n in ORDERS],
                 ),
             ),
         ),
@@ -308,7 +306,7 @@ def equations_section(trials: simulated.CentrifugeTrials) -> study.StudySection:
         for one in tried
     ]  # fmt: skip
     return EQUATIONS_TEXT.section(
-        [one.finding for one in tried],
-        (study.StudyTable("Results of the equations", "equation",
-               ("as printed", "mended", "true", "corrected −\ntrue"), rows),),
+        *(one.finding for one in tried),
+        study.StudyTable("Results of the equations", "equation",
+               ("as printed", "mended", "true", "corrected −\ntrue"), rows),
     )  # fmt: skip

@@ -173,10 +173,11 @@ def section(clean: Array) -> study.StudySection:
         "among all powers, "
         + ", ".join(f"{x:.0%} into the {name}" for x, name in powers),
     )  # fmt: skip
+    findings = (*small, grows, *ordering, mainly)
     return TEXT.section(
-        (*small, grows, *ordering, mainly),
-        (_table(found),),
-        (_chart(found),),
+        *findings,
+        _table(found),
+        _chart(found),
         rootless=rootless,
         angles=len(ANGLES),
         turn=shown(turn),

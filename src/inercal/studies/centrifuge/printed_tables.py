@@ -105,7 +105,7 @@ def outputs_section() -> StudySection:
             "negative; the correct root is the printed one, with f → −Δ as D → 0"),
     )  # fmt: skip
     return OUTPUTS_TEXT.section(
-        findings, (_outputs_table(found, design, lost),), sound=count_falsely_rejected_rows(found)
+        *findings, _outputs_table(found, design, lost), sound=count_falsely_rejected_rows(found)
     )
 
 
@@ -230,18 +230,16 @@ def estimates_section(trials: simulated.CentrifugeTrials) -> StudySection:
     n = len(trials.error["series"])
     findings = [judge_estimate(entry, trials) for entry in PRINTED_ESTIMATES]
     return ESTIMATES_TEXT.section(
-        findings,
-        (
-            StudyTable(
-                "Estimates, their errors without noise, and their scatter with it",
-                "coefficient",
-                (
-                    "truth", "printed", "printed −\ntruth", "the same,\nrelative",
-                    *(f"{name},\nno noise" for name in simulated.ESTIMATORS),
-                    *(f"{name},\nscatter" for name in simulated.ESTIMATORS),
-                ),
-                rows,
+        *findings,
+        StudyTable(
+            "Estimates, their errors without noise, and their scatter with it",
+            "coefficient",
+            (
+                "truth", "printed", "printed −\ntruth", "the same,\nrelative",
+                *(f"{name},\nno noise" for name in simulated.ESTIMATORS),
+                *(f"{name},\nscatter" for name in simulated.ESTIMATORS),
             ),
+            rows,
         ),
         n=n,
         count=count,

@@ -96,22 +96,18 @@ def section(trials: int, seed: int) -> study.StudySection:
     tilts = [(words, [shown(x) if abs(x) > 1e-3 else "0" for x in off])
              for words, off in base_tilt_errors().items()]  # fmt: skip
     return TEXT.section(
-        findings,
-        (
-            study.StudyTable("Error of k1 + K3, µg, by mounting angle; 1σ without noise and head "
-                  "errors", "mounting angle", ("this angle,\nno correction", "1σ,\nno correction",
-                                     "1σ,\ncorrected"),
-                  [(f"{a:g}″", [shown(left[k], 3),
-                                *(shown(x) for x in scatter[k])])
-                   for k, a in enumerate(ANGLES)]),
-            study.StudyTable(f"Errors, µg, from a lasting base tilt of {BASE_DRIFT:g}″", "tilts",
-                  ("K0 of A", "K2 of A", "K0 of B", "K2 of B"), tilts),
-        ),
-        (
-            study.Chart("mounting", "RMS of k1 + K3 against the standard deviation of the mounting "
-                "angles, without noise.",
-                  [study.StudyPanel("", "mounting angle, ″", "RMS, µg",
-                         [study.Curve("no correction", ANGLES[1:], scatter[1:, 0]),
-                          study.Curve("corrected", ANGLES[1:], scatter[1:, 1])])]),
-        ),
+        *findings,
+        study.StudyTable("Error of k1 + K3, µg, by mounting angle; 1σ without noise and head "
+              "errors", "mounting angle", ("this angle,\nno correction", "1σ,\nno correction",
+                                 "1σ,\ncorrected"),
+              [(f"{a:g}″", [shown(left[k], 3),
+                            *(shown(x) for x in scatter[k])])
+               for k, a in enumerate(ANGLES)]),
+        study.StudyTable(f"Errors, µg, from a lasting base tilt of {BASE_DRIFT:g}″", "tilts",
+              ("K0 of A", "K2 of A", "K0 of B", "K2 of B"), tilts),
+        study.Chart("mounting", "RMS of k1 + K3 against the standard deviation of the mounting "
+            "angles, without noise.",
+              [study.StudyPanel("", "mounting angle, ″", "RMS, µg",
+                     [study.Curve("no correction", ANGLES[1:], scatter[1:, 0]),
+                      study.Curve("corrected", ANGLES[1:], scatter[1:, 1])])]),
     )  # fmt: skip

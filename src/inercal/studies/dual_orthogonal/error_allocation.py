@@ -151,7 +151,7 @@ def section(results: Sequence[Any]) -> study.StudySection:
             f"effect of a lean of {SPINDLE_LEAN:g}″ on the coefficient that it changes most, k1 + "
             "K3"),
     )  # fmt: skip
-    return TEXT.section(findings, (_table(found, moving),), (_chart(found),), pier=BASE_TILT)
+    return TEXT.section(*findings, _table(found, moving), _chart(found), pier=BASE_TILT)
 
 
 def _table(found: ErrorsByItem, moving: Mapping[str, Rms]) -> study.StudyTable:

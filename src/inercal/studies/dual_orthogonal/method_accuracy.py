@@ -103,13 +103,11 @@ def accuracy_section(found: MethodAccuracy) -> study.StudySection:
         for k, name in enumerate(_CHARTED_METHODS)
     ]  # fmt: skip
     return ACCURACY_TEXT.section(
-        findings,
-        (study.StudyTable("RMS of the errors, µg (δ µrad, k1 ppm)", "method", COLUMNS, rows),),
-        (
-            study.Chart("methods", "RMS of the errors by coefficient. The goal is 1 µg; values "
-                  "above it need a centrifuge, or a face at every position.",
-                  [study.StudyPanel("", "", "RMS, µg", lines, names=COLUMNS)]),
-        ),
+        *findings,
+        study.StudyTable("RMS of the errors, µg (δ µrad, k1 ppm)", "method", COLUMNS, rows),
+        study.Chart("methods", "RMS of the errors by coefficient. The goal is 1 µg; values "
+              "above it need a centrifuge, or a face at every position.",
+              [study.StudyPanel("", "", "RMS, µg", lines, names=COLUMNS)]),
         largest=largest,
     )  # fmt: skip
 
@@ -125,12 +123,9 @@ def faces_section(found: MethodAccuracy) -> study.StudySection:
     ]
     near = ", ".join(f"{x.value:.3f} ± {x.u:.3f}" for x in found.nees.values())
     return FACES_TEXT.section(
-        (),
-        (
-            study.StudyTable("RMS of joint, µg (δ µrad, k1 ppm), by the positions where the "
-                "autocollimator is read",
-                  "read at", COLUMNS, rows),
-        ),
+        study.StudyTable("RMS of joint, µg (δ µrad, k1 ppm), by the positions where the "
+            "autocollimator is read",
+              "read at", COLUMNS, rows),
         gain=gain,
         near=near,
     )  # fmt: skip
@@ -185,16 +180,11 @@ def head_section(found: HeadComparison) -> study.StudySection:
         for name, values in found.k0.items()
     ]
     return HEAD_TEXT.section(
-        findings,
-        (
-            study.StudyTable("RMS of K0, µg, by the head's error (rms)", "method",
-                  [f"{head:g}″" for head in HEAD_ERRORS],
-                  [(name, format_all(k0, 3))
-                   for name, k0 in found.k0.items()]),
-        ),
-        (
-            study.Chart("head", "RMS of K0 against the head's error, with the same random draws "
-                  "for all heads.",
-                  [study.StudyPanel("", "head's error, ″ rms", "RMS of K0, µg", lines)]),
-        ),
+        *findings,
+        study.StudyTable("RMS of K0, µg, by the head's error (rms)", "method",
+              [f"{head:g}″" for head in HEAD_ERRORS],
+              [(name, format_all(k0, 3)) for name, k0 in found.k0.items()]),
+        study.Chart("head", "RMS of K0 against the head's error, with the same random draws "
+              "for all heads.",
+              [study.StudyPanel("", "head's error, ″ rms", "RMS of K0, µg", lines)]),
     )  # fmt: skip

@@ -120,16 +120,14 @@ def section(trials: int, seed: int) -> StudySection:
         for words, weights in g_squared.NULL_DIRECTIONS
     )
     return TEXT.section(
-        findings,
-        (
-            StudyTable(
-                "Error of the linear form in each harmonic of z, RMS, µg", "coefficients",
-                HARMONICS,
-                [(words, format_all(form.linear))
-                 for words, form in (("nominal", small), ("large", large))],
-            ),
-            _size_table(trials, seed),
+        *findings,
+        StudyTable(
+            "Error of the linear form in each harmonic of z, RMS, µg", "coefficients",
+            HARMONICS,
+            [(words, format_all(form.linear))
+             for words, form in (("nominal", small), ("large", large))],
         ),
+        _size_table(trials, seed),
         nulls=nulls,
         left=shown(left, 1),
     )  # fmt: skip
@@ -297,9 +295,9 @@ def step_section(results: Sequence[Any]) -> study.StudySection:
     full = next(s.n for s in found if s.rank == max(t.rank for t in found))
     fewest = next(s.n for s in found if s.equal_per_position["patent"] is not None)
     return STEP_TEXT.section(
-        findings,
-        (_step_table(found),),
-        (_step_chart(found),),
+        *findings,
+        _step_table(found),
+        _step_chart(found),
         full=full,
         full_step=360 / full,
         fewest=fewest,

@@ -158,4 +158,4 @@ def section(found: Sequence[Mapping[Pair, PairTest]]) -> study.StudySection:
         for j, pair in enumerate(pairs)
     ]
     table = study.StudyTable("Pairs", "laboratories", ("coefficients", "χ²/ν", "smallest p"), rows)
-    return TEXT.section(findings, [table])
+    return TEXT.section(*findings, table)

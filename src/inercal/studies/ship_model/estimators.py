@@ -126,13 +126,10 @@ def section(
         for name in ("joint", "planar")
     )
     return TEXT.section(
-        (),
-        (
-            StudyTable("Errors, mg: rms norm error at the groups, and rms vector error on 300 "
-                "fresh poses",
-                  "estimator", ("norms, median", "vectors, median", "vectors, 95 %"),
-                  table),
-        ),
+        StudyTable("Errors, mg: rms norm error at the groups, and rms vector error on 300 "
+            "fresh poses",
+              "estimator", ("norms, median", "vectors, median", "vectors, 95 %"),
+              table),
         joint=shown(best.value),
         planar=shown(plain.value),
         lost=lost,
@@ -201,11 +198,9 @@ def rank_section() -> StudySection:
     gauge = max(one.gauge for one in found.values())
     turned = max(one.turned for one in found.values())
     return RANK_TEXT.section(
-        findings,
-        (
-            StudyTable("Rank of 16 equations in 12 unknowns, readings without error",
-                  "two tilts read as", ("rank", "rotations free", "also free"), table),
-        ),
+        *findings,
+        StudyTable("Rank of 16 equations in 12 unknowns, readings without error",
+              "two tilts read as", ("rank", "rotations free", "also free"), table),
         turned=_bound_text(turned),
         gauge=_bound_text(gauge),
     )  # fmt: skip
@@ -226,7 +221,7 @@ def damped_section(found: EstimatorComparison) -> StudySection:
             f"{shown(vectors[1].value)} mg before, {shown(vectors[0].value)} mg after; the vector "
             f"error increases for {worse:.0%} of the devices"),
     )  # fmt: skip
-    return DAMPING_TEXT.section(findings)
+    return DAMPING_TEXT.section(*findings)
 
 
 def _free_direction_names(left: FreeDirections) -> str:

@@ -135,14 +135,12 @@ def section(searched: Sequence[OptimiserComparison]) -> study.StudySection:
         for k, one in enumerate(searched)
     ]  # fmt: skip
     return TEXT.section(
-        findings,
-        (
-            study.StudyTable(
-                  "Results by device, mg, with the ratio of the sums of squares", "device",
-                  ("sum, optimiser\nover damped", "norms", "vectors,\ndamped",
-                   "vectors,\noptimiser", "vectors,\nwide bounds", "optimiser\nto damped"), rows),
-        ),
-        (_history(searched[0]),),
+        *findings,
+        study.StudyTable(
+              "Results by device, mg, with the ratio of the sums of squares", "device",
+              ("sum, optimiser\nover damped", "norms", "vectors,\ndamped",
+               "vectors,\noptimiser", "vectors,\nwide bounds", "optimiser\nto damped"), rows),
+        _history(searched[0]),
     )  # fmt: skip
 
 

@@ -66,9 +66,9 @@ def section(found: EstimatorComparison) -> StudySection:
             f"{said_mg['left']} mg would remain, which come from noise"),
     )  # fmt: skip
     return TEXT.section(
-        findings,
-        (),
-        (_speed_chart(found), _group_chart(found)),
+        *findings,
+        _speed_chart(found),
+        _group_chart(found),
         across=shown(simulated.POSE_SD / simulated.MILLI),
     )
 

@@ -210,9 +210,9 @@ def section(found: EstimatorComparison, results: Sequence[ResidualError]) -> stu
             "%"),
     )  # fmt: skip
     return TEXT.section(
-        findings,
-        tuple(_table(name, runs[name], by_run[name]) for name in WAVES),
-        (_chart(found, _TIME, runs["irregular"]),),
+        *findings,
+        *(_table(name, runs[name], by_run[name]) for name in WAVES),
+        _chart(found, _TIME, runs["irregular"]),
         place=SENSOR_POSITION,
     )
 

@@ -44,9 +44,9 @@ def required_random_walk(seconds: float, bound: float = BIAS_BOUND) -> float:
 def accuracy_section(found: trials.TurntableTrials) -> study.StudySection:
     """Build the section about the printed accuracy."""
     return ACCURACY_TEXT.section(
-        (*_gyro_findings(found), *_accelerometer_findings(found)),
-        (),
-        (_chart(found),),
+        *_gyro_findings(found),
+        *_accelerometer_findings(found),
+        _chart(found),
         seconds=REST_SECONDS,
         bias=BIAS_BOUND,
         walk=shown(required_random_walk(REST_SECONDS)),
@@ -198,7 +198,7 @@ def time_section(found: trials.TurntableTrials) -> study.StudySection:
                        held[trials.DISCRETE_PROCEDURE].misalignment),
             angles["a"]),
     )  # fmt: skip
-    return TIME_TEXT.section(findings, (_time_table(minutes, gyros, held),))
+    return TIME_TEXT.section(*findings, _time_table(minutes, gyros, held))
 
 
 def _time_table(
@@ -251,14 +251,12 @@ def states_section(found: trials.TurntableTrials) -> study.StudySection:
     gyros = (*trials.GYRO_RUNS, trials.TURNS_BOTH_WAYS, trials.DISCRETE_PROCEDURE)
     held = (*trials.ACCELEROMETER_RUNS, trials.DISCRETE_PROCEDURE)
     return STATES_TEXT.section(
-        findings,
-        (
-            _states_table("Gyros: RMS of the errors, bias in °/min", gyros, found.gyros, "g"),
-            _states_table("Accelerometers: RMS of the errors, bias in µg", held,
-                          found.accelerometers, "a"),
-        ),
-        (_states_chart(found, "g", (OWN_PATH, FULL_STATES)),
-         _states_chart(found, "a", (EIGHTEEN_STATES, "full"))),
+        *findings,
+        _states_table("Gyros: RMS of the errors, bias in °/min", gyros, found.gyros, "g"),
+        _states_table("Accelerometers: RMS of the errors, bias in µg", held,
+                      found.accelerometers, "a"),
+        _states_chart(found, "g", (OWN_PATH, FULL_STATES)),
+         _states_chart(found, "a", (EIGHTEEN_STATES, "full")),
     )  # fmt: skip
 
 
@@ -338,8 +336,8 @@ def failures_section(found: trials.TurntableTrials) -> study.StudySection:
             f"error is {shown(delayed.largest_axis['misalignment'].value)}″"),
     )  # fmt: skip
     return FAILURES_TEXT.section(
-        findings,
-        (_failures_table(result),),
+        *findings,
+        _failures_table(result),
         latency_ms=LATENCY / 1e-3,
         rest=shown(result[trials.REST_ALONE].bias.value),
         alone=shown(result[NINETEEN_STATES].bias.value),
