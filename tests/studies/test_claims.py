@@ -15,9 +15,9 @@ from inercal.studies.claim import (
     ClaimResult,
     Relation,
     Verdict,
-    format_significant,
     judge_claim,
     normalized_deviation,
+    shown,
 )
 from inercal.studies.study import read_section_text
 
@@ -89,10 +89,10 @@ def test_the_sentence_carries_both_numbers_and_the_distance():
 
 def test_numbers_are_written_as_people_read_them():
     numbers = (0.0, 0.5, -20.0, 130.0, 22634.0, 5.8e-3, -1e-5, inf, nan)
-    assert [format_significant(x) for x in numbers] == [
+    assert [shown(x) for x in numbers] == [
         "0", "0.5", "−20", "130", "2.3·10⁴", "5.8·10⁻³", "−10⁻⁵", "infinitely many", "none",
     ]  # fmt: skip
-    assert format_significant(5.700684e-5, 7) == "5.700684·10⁻⁵"
+    assert shown(5.700684e-5, 7) == "5.700684·10⁻⁵"
 
 
 @pytest.mark.parametrize("basis", ["words", "derived"])

@@ -20,15 +20,15 @@ from inercal.studies.dual_orthogonal import (
     method_accuracy,
     simulated_head,
     squared_observation,
-    step_angle,
 )
 from inercal.studies.dual_orthogonal.simulated_head import (
     ARCSEC,
     COLUMNS,
+    EVERY_FACE,
     LARGE_SIZES,
+    method_errors,
     rms_ratio,
 )
-from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
 
 TABLE = {
     "single": (9.84, 17.3, 8.5, 10.2, 17.9, 10.3, 1.65),
@@ -142,18 +142,20 @@ def test_two_of_ten_steps_have_the_four_points(dual_orthogonal_study: Study):
     assert section_verdicts(dual_orthogonal_study, "step")[:2] == ["false", "false"]
     serving = [
         n
-        for n in step_angle.CLAIMED_COUNTS
-        if step_angle.judged_errors("patent", position_plan(n), 20, 1) is not None
+        for n in squared_observation.CLAIMED_COUNTS
+        if squared_observation.judged_errors("patent", position_plan(n), 20, 1) is not None
     ]
     assert serving == [12, 16]
     assert (
-        len(step_angle.positions_with_cardinals(9))
-        == len(step_angle.positions_with_cardinals(12))
+        len(squared_observation.positions_with_cardinals(9))
+        == len(squared_observation.positions_with_cardinals(12))
         == 12
     )
-    for n in step_angle.CLAIMED_COUNTS:
+    for n in squared_observation.CLAIMED_COUNTS:
         assert (
-            step_angle.judged_errors("patent", step_angle.positions_with_cardinals(n), 20, 1)
+            squared_observation.judged_errors(
+                "patent", squared_observation.positions_with_cardinals(n), 20, 1
+            )
             is not None
         )
 
@@ -167,16 +169,16 @@ def test_claims_three_and_four_compare_steps_with_steps(dual_orthogonal_study: S
     for finding in best:
         assert finding.claim.printed == 30.0
         assert finding.claim.unit == "°"
-        assert finding.computed in [360 / n for n in step_angle.COUNTS]
+        assert finding.computed in [360 / n for n in squared_observation.COUNTS]
 
 
 def test_the_best_step_is_as_far_from_thirty_degrees_as_its_ratio_is_from_one():
     rng = np.random.default_rng(5)
     errors = {n: rng.standard_normal((400, 9)) for n in (9, 12, 24)}
-    assert step_angle.best_step(errors | {12: 0.5 * errors[12]})[:2] == (30.0, 0.0)
+    assert squared_observation.best_step(errors | {12: 0.5 * errors[12]})[:2] == (30.0, 0.0)
     better = errors | {24: 0.5 * errors[24]}
-    at, u, _ = step_angle.best_step(better)
-    over, n = step_angle.ratio_to_best_other_step(better)
+    at, u, _ = squared_observation.best_step(better)
+    over, n = squared_observation.ratio_to_best_other_step(better)
     assert (at, n) == (15.0, 24)
     assert (30 - at) / u == pytest.approx((over.value - 1) / over.u)
 
@@ -185,7 +187,7 @@ def test_the_best_step_is_as_far_from_thirty_degrees_as_its_ratio_is_from_one():
 def test_thirty_degrees_is_best_for_as_many_readings_in_all_alone():
     def merit(n: int, share: float) -> np.ndarray:
         noise = simulated_head.NOISE * sqrt(share)
-        found = step_angle.judged_errors("patent", position_plan(n), 1000, 3, noise)
+        found = squared_observation.judged_errors("patent", position_plan(n), 1000, 3, noise)
         assert found is not None
         return found
 

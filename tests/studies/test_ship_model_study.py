@@ -15,7 +15,6 @@ from inercal.methods.ship_planar import fit_level_states
 from inercal.physics.sensors import G0
 from inercal.studies import Study, write_study
 from inercal.studies.ship_model import (
-    equation_rank,
     estimators,
     optimiser,
     simulated_rate_table,
@@ -89,7 +88,7 @@ def test_a_median_states_how_it_scatters():
 
 @pytest.mark.parametrize(("name", "free"), [("azimuth", 9), ("successive", 9), ("dihedral", 8)])
 def test_the_rank_of_each_reading(name: str, free: int):
-    found = equation_rank.plan_information(*equation_rank.PLANS[name])
+    found = estimators.plan_information(*estimators.PLANS[name])
     assert found.left.rank == free
     assert len(found.left.rotations) == 3
     assert found.gauge <= 1e-14
@@ -97,8 +96,8 @@ def test_the_rank_of_each_reading(name: str, free: int):
 
 
 def test_tilts_about_the_radial_axis_have_rank_nine():
-    (name,) = [one for one in equation_rank.PLANS if "radial" in one]
-    assert equation_rank.plan_information(*equation_rank.PLANS[name]).left.rank == 9
+    (name,) = [one for one in estimators.PLANS if "radial" in one]
+    assert estimators.plan_information(*estimators.PLANS[name]).left.rank == 9
 
 
 @pytest.mark.slow

@@ -183,9 +183,7 @@ def test_failures_are_reported(
 def test_claims_on_failures_hold_without_a_failure(two_devices: turntable_trials.TurntableTrials):
     good = dict.fromkeys(two_devices.gyros, two_devices.gyros["19 states, own path"])
     held = turntable_trials.TurntableTrials(good, two_devices.accelerometers, [12])
-    from inercal.studies.turntable import state_models
-
-    assert [one.verdict for one in state_models.failures_section(held).findings] == [
+    assert [one.verdict for one in printed_accuracy.failures_section(held).findings] == [
         "reproduced"
     ] * 4
 

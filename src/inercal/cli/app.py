@@ -169,9 +169,7 @@ app = typer.Typer(
 
 
 @app.callback(invoke_without_command=True)
-def _options(
-    version: bool = flag("--version", "Print the version and exit."),
-) -> None:
+def _options(version: bool = flag("--version", "Print the version and exit.")) -> None:
     if version:
         from importlib.metadata import version as installed
 

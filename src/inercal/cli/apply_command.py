@@ -11,7 +11,7 @@ import typer
 
 from inercal.basics.errors import InercalError, InputError
 from inercal.cli.console import print_json, print_lines, progress_status, report_line
-from inercal.cli.options import Force, Json, flag, out_option
+from inercal.cli.options import Force, Json, flag, optional, out_option
 from inercal.cli.outputs import RECORDING, check_outputs
 
 if TYPE_CHECKING:
@@ -31,25 +31,20 @@ def run(
         "What to write, required without --stream: a .csv, .npz or .parquet file, an .mcap "
         "file with messages of ROS 2, or a new folder (a name without a suffix) for a ROS 2 bag."
     ),
-    stream: str | None = typer.Option(
-        None,
-        help="Correct samples while they arrive, until Ctrl-C: - for standard input, a file, a "
-        "serial port, tcp://HOST:PORT, or udp://HOST:PORT for datagrams to this port.",
+    stream: str | None = optional(
+        "Correct samples while they arrive, until Ctrl-C: - for standard input, a file, a "
+        "serial port, tcp://HOST:PORT, or udp://HOST:PORT for datagrams to this port."
     ),
-    to: str | None = typer.Option(
-        None,
-        help="With --stream: tcp://HOST:PORT to which readers connect, or udp://HOST:PORT to which "
-        "datagrams are sent, instead of standard output.",
+    to: str | None = optional(
+        "With --stream: tcp://HOST:PORT to which readers connect, or udp://HOST:PORT to which "
+        "datagrams are sent, instead of standard output."
     ),
-    form: str | None = typer.Option(
-        None,
-        "--format",
-        help="With --stream: csv (the default), json for JSON lines, or msgpack. For the folder of "
+    form: str | None = optional(
+        "With --stream: csv (the default), json for JSON lines, or msgpack. For the folder of "
         "a ROS 2 bag: mcap (the default) or sqlite3.",
+        "--format",
     ),
-    frame_id: str | None = typer.Option(
-        None, help="The frame that messages of ROS 2 name (default: imu_link)."
-    ),
+    frame_id: str | None = optional("The frame that messages of ROS 2 name (default: imu_link)."),
     extrapolate: bool = flag(
         "--extrapolate",
         "Also correct samples outside the calibration's temperature range, and mark them.",

@@ -20,6 +20,7 @@ from inercal.cli.options import (
     Json,
     assignments,
     flag,
+    optional,
     out_option,
     positive_number,
     run_options,
@@ -270,9 +271,7 @@ def simulate(
     run_file: _RunFile,
     seed: int = typer.Option(0, min=0, help="Seed for the noise and for the errors of the bench."),
     preset: str = typer.Option("fixed", help="Preset of the IMU's packets."),
-    rate: float | None = typer.Option(
-        None, help="Packets per second; by default the rate in the run file."
-    ),
+    rate: float | None = optional("Packets per second; by default the rate in the run file."),
     pace: str = typer.Option(
         "granted", help="Simulated seconds per second; granted: as fast as the host permits."
     ),

@@ -8,14 +8,19 @@ from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.console import Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.text import Text
+
 from inercal.basics.keys import CoefficientName
 from inercal.basics.process_settings import user_name
+from inercal.basics.units import format_value_and_uncertainty
 from inercal.cli.console import make_table
 from inercal.cli.mounting_answers import WORD, TypedConfirmation, answer_mountings
+from inercal.cli.terminal import Visible, terminal
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from inercal.host.bench_run import BenchRun
 
 _POLL_INTERVAL = 0.2  # s
@@ -32,10 +37,6 @@ def run_display(
     A terminal shows the panel; other outputs get the event lines. `keys` is the line in the panel
     that explains the keys, and `typed` returns the text that is being typed.
     """
-    from rich.live import Live
-
-    from inercal.cli.terminal import Visible, terminal
-
     console = terminal(stderr=True, highlight=False)
     if not console.is_terminal:
         printed = 0
@@ -59,12 +60,8 @@ def run_display(
         yield draw
 
 
-def run_panel(run: "BenchRun", keys: str = KEY_HELP, typed: str = "") -> "RenderableType":
+def run_panel(run: "BenchRun", keys: str = KEY_HELP, typed: str = "") -> RenderableType:
     """Return the panel for a run: progress, axes, IMU, estimate, messages and keys."""
-    from rich.console import Group
-    from rich.panel import Panel
-    from rich.text import Text
-
     head = Text(_progress_line(run), style="bold")
     heads = ("axis", ">angle", ">rate", ">following error", "")
     axes = make_table(*heads, box=None, padding=(0, 2, 0, 0))
@@ -111,10 +108,8 @@ def _clock_text(seconds: float) -> str:
     return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
 
 
-def _live_estimate(run: "BenchRun") -> "list[RenderableType]":
+def _live_estimate(run: "BenchRun") -> list[RenderableType]:
     """Return the attitude of the IMU and the current estimate."""
-    from rich.text import Text
-
     live = run.recorder.live_estimator
     if live is None:
         return []
@@ -148,8 +143,6 @@ def _live_estimate(run: "BenchRun") -> "list[RenderableType]":
 def _coefficient_cell(
     run: "BenchRun", name: str, values: "Mapping[str, tuple[float, float]]"
 ) -> str:
-    from inercal.basics.units import format_value_and_uncertainty
-
     if name not in values:
         return ""
     value, std = values[name]

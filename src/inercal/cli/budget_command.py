@@ -1,7 +1,6 @@
 """`inercal budget`: contribution of each imperfection to each coefficient."""
 
 from collections.abc import Sequence
-from importlib import import_module
 from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,13 +9,7 @@ import typer
 
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
-from inercal.cli.console import (
-    print_json,
-    print_lines,
-    print_table,
-    print_written_files,
-    progress_status,
-)
+from inercal.cli import console
 from inercal.cli.options import Json, Scheduler, Workers, warn_of_root
 from inercal.cli.outputs import BUDGET, PAGE, check_outputs
 
@@ -55,7 +48,7 @@ def run(
         experiment_from_run,
         omitted_drift_notes,
     )
-    from inercal.report import write_budget
+    from inercal.report import report_packages
 
     page = out / f"{run_file.stem}.budget.html"
     table = out / f"{run_file.stem}.budget.json"
@@ -67,9 +60,10 @@ def run(
             key="[method] estimator",
         ).located(run_file)
     warn_of_root(scheduler)
-    with progress_status(f"first order of {plan.sensor.name}") as update, executor:
+    with console.progress_status(f"first order of {plan.sensor.name}") as update, executor:
         experiment = experiment_from_run(plan)
-        import_module("inercal.report.budget_page")  # while the workers get ready
+        with report_packages():  # while the workers get ready
+            from inercal.report.budget_page import budget_page
         result = budget(
             experiment,
             trials,
@@ -81,15 +75,15 @@ def run(
         notes = omitted_drift_notes(plan)
         content = budget_as_dict(result) | method | {"notes": list(notes)}
         about = (f"method {plan.method.name}", f"estimator {plan.estimator}", *notes)
-        write_budget(result, page, " · ".join(about))
+        write_text(page, budget_page(result, " · ".join(about)))
         write_text(table, dumps(content, indent=1, ensure_ascii=False) + "\n")
     files = {"budget_file": str(table), "page": str(page)}
     if json:
-        print_json(content | files)
+        console.print_json(content | files)
         return
     _print(result)
-    print_lines(notes, "· ")
-    print_written_files(files.values())
+    console.print_lines(notes, "· ")
+    console.print_written_files(files.values())
 
 
 def _print(result: "Budget") -> None:
@@ -108,7 +102,7 @@ def _print(result: "Budget") -> None:
             )  # fmt: skip
             rows.append([Text(cell, "bold" if row.kind == "total" else "") for cell in cells])
         rows.append(())
-    print_table(
+    console.print_table(
         ("coefficient", "imperfection", ">first order", ">Monte Carlo", ">±", "unit", ">share"),
         rows,
         title=f"error budget of {sensor.name}: standard deviations",
@@ -119,4 +113,4 @@ def _print(result: "Budget") -> None:
             (name, *shift_cells(result, k), sensor.coefficient(name).unit)
             for k, name in enumerate(sensor.coefficients)
         ]
-        print_table(("coefficient", *shifts, "unit"), rows, title="if left uncorrected")
+        console.print_table(("coefficient", *shifts, "unit"), rows, title="if left uncorrected")

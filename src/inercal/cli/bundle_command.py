@@ -6,15 +6,14 @@ import typer
 
 from inercal.basics.errors import InputError
 from inercal.cli.console import print_json
-from inercal.cli.options import Force, Json, out_option
+from inercal.cli.options import Force, Json, optional, out_option
 from inercal.cli.outputs import BUNDLE, check_outputs
 
 
 def run(
     run_file: Path = typer.Argument(help="The run file (TOML) of the calibration."),
-    calibration: Path | None = typer.Option(
-        None,
-        help="Its calibration file (default: the file with the same name in the current folder).",
+    calibration: Path | None = optional(
+        "Its calibration file (default: the file with the same name in the current folder)."
     ),
     out: Path | None = out_option("The bundle to write (default: the run file's name with .zip)."),
     force: Force = False,

@@ -11,8 +11,8 @@ import typer
 from inercal.basics.atomic_files import atomic_write_all, keep_previous, write_text
 from inercal.basics.errors import InputError, MissingExtra
 from inercal.cli import console, outputs
-from inercal.cli.log_drafts import SET, draft_logs
-from inercal.cli.options import Explain, Json, Strict, flag
+from inercal.cli.init_command import SET, draft_logs
+from inercal.cli.options import Explain, Json, Strict, flag, optional
 
 if TYPE_CHECKING:
     from inercal.pipeline.drafts import Draft
@@ -36,8 +36,8 @@ def run(
         "--force", "Also overwrite a calibration from another run file, and the run file of a log."
     ),
     with_report: bool = typer.Option(True, "--report/--no-report", help="Write the HTML report."),
-    register: str | None = typer.Option(
-        None, help="Enter the calibration in this register: an address, or default."
+    register: str | None = optional(
+        "Enter the calibration in this register: an address, or default."
     ),
     auto: bool = flag(
         "--auto", 'Add coefficients that the score tests find: \\[method] also = "auto".'

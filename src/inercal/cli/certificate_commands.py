@@ -3,9 +3,8 @@
 import os
 import sys
 from datetime import date
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer.core import TyperGroup
@@ -13,7 +12,7 @@ from typer.core import TyperGroup
 from inercal.basics.atomic_files import atomic_write_all
 from inercal.basics.errors import InercalError, InputError, require_installed
 from inercal.cli import console, outputs
-from inercal.cli.options import Force, Json, RegisterOption, flag
+from inercal.cli.options import Force, Json, RegisterOption, flag, optional
 
 if TYPE_CHECKING:
     from inercal.laboratory.store import CertificateFiles
@@ -29,12 +28,6 @@ class _Commands(TyperGroup):
         if args and args[0] not in self.commands and args[0] != "--help":
             args = [_ISSUE, *args]
         return super().parse_args(ctx, args)
-
-
-class _Language(StrEnum):
-    en = "en"
-    de = "de"
-    zh = "zh"
 
 
 app = typer.Typer(
@@ -54,31 +47,21 @@ _Schema = Annotated[
 def issue(
     file: Path = typer.Argument(help="A calibration file."),
     lab: Path = typer.Option(help="The laboratory file (TOML)."),
-    job: Path | None = typer.Option(
-        None, help="A TOML file whose \\[job] adds keys to the run's \\[job]."
-    ),
-    as_found: Path | None = typer.Option(
-        None, help="The calibration file from before the adjustment."
-    ),
-    language: _Language = typer.Option(_Language.en, help="Language: en, de or zh."),
-    issued: str | None = typer.Option(
-        None, "--date", help="Date of issue, such as 2026-11-26; by default today."
-    ),
-    amends: str | None = typer.Option(None, help="Number of the certificate that this one amends."),
-    replaces: str | None = typer.Option(None, help="Number of the certificate that it replaces."),
-    reason: str | None = typer.Option(None, help="Reason for changing an earlier certificate."),
-    font: Path | None = typer.Option(
-        None, help="A font file, for characters that are not in the built-in fonts."
-    ),
-    sign: Path | None = typer.Option(
-        None, help=f"PKCS#12 file of the key; set ${PASSPHRASE} to its passphrase."
-    ),
+    job: Path | None = optional("A TOML file whose \\[job] adds keys to the run's \\[job]."),
+    as_found: Path | None = optional("The calibration file from before the adjustment."),
+    language: Literal["en", "de", "zh"] = typer.Option("en", help="Language: en, de or zh."),
+    issued: str | None = optional("Date of issue, such as 2026-11-26; by default today.", "--date"),
+    amends: str | None = optional("Number of the certificate that this one amends."),
+    replaces: str | None = optional("Number of the certificate that it replaces."),
+    reason: str | None = optional("Reason for changing an earlier certificate."),
+    font: Path | None = optional("A font file, for characters that are not in the built-in fonts."),
+    sign: Path | None = optional(f"PKCS#12 file of the key; set ${PASSPHRASE} to its passphrase."),
     schema: _Schema = None,
     draft: bool = flag("--draft", "Write a draft without a number; it is not registered."),
     out: _Out = Path(),
     force: Force = False,
-    by: str | None = typer.Option(
-        None, help="Name of the person who issues the certificate; by default your user name."
+    by: str | None = optional(
+        "Name of the person who issues the certificate; by default your user name."
     ),
     register: RegisterOption = None,
     json: Json = False,
@@ -113,7 +96,7 @@ def issue(
         None if as_found is None else load(as_found),
         laboratory,
         read_job(calibration.job, job),
-        language.value,
+        language,
         day,
         draft,
     )
@@ -157,7 +140,7 @@ def issue(
 @app.command()
 def verify(
     file: Path = typer.Argument(help="A certificate: the PDF or the DCC."),
-    trust: Path | None = typer.Option(None, help="PEM file with the certificates to trust."),
+    trust: Path | None = optional("PEM file with the certificates to trust."),
     schema: _Schema = None,
     register: RegisterOption = None,
     json: Json = False,
@@ -193,8 +176,7 @@ def verify(
             print(f"{one.name}: {words[one.passed]}: {one.text}")
         if not found.authentic:
             print("the certificate is not verified", file=sys.stderr)
-    if not found.authentic:
-        raise typer.Exit(3)
+    console.exit_if(not found.authentic)
 
 
 @app.command("copy")

@@ -6,12 +6,11 @@ import typer
 
 from inercal.basics.errors import error_location
 from inercal.cli.console import print_json
-from inercal.cli.options import Json
+from inercal.cli.options import Json, optional
 
-REPEATABILITY = typer.Option(
-    None,
+REPEATABILITY = optional(
+    "A result of inercal repeat, to test the difference against the usual run-to-run scatter.",
     "--repeatability",
-    help="A result of inercal repeat, to test the difference against the usual run-to-run scatter.",
 )
 
 

@@ -10,6 +10,10 @@ from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import typer
+
+from inercal.basics.errors import InercalError, InputError
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -52,8 +56,6 @@ def draw_refusal(run: "Run", page: "Path | None") -> Generator[None]:
     page : Path or None
         The page to write, or None for no page.
     """
-    from inercal.basics.errors import InercalError
-
     try:
         yield
     except InercalError as error:
@@ -64,14 +66,16 @@ def draw_refusal(run: "Run", page: "Path | None") -> Generator[None]:
 
 def _write_refusal_page(run: "Run", message: str, page: "Path") -> bool:
     """Write the page about a refusal, and return whether it was written."""
-    from inercal.basics.errors import InputError
+    from inercal.basics.atomic_files import write_text
     from inercal.pipeline.outcome import inspect_refused_recording
-    from inercal.report import write_refusal
+    from inercal.report import report_packages
 
     if (inspected := inspect_refused_recording(run)) is None:
         return False
     try:
-        write_refusal(inspected, run.sensor, message, page)
+        with report_packages():
+            from inercal.report.recording_pages import refusal_page
+        write_text(page, refusal_page(inspected, run.sensor, message))
     except InputError:
         return False  # the original error is printed anyway
     return True
@@ -236,8 +240,11 @@ def exit_with_verdict(outcome: "Outcome", *, strict: bool = False) -> None:
     The status is 0 if the result is consistent or usable with reservations, and 3 if it should not
     be relied on. With `strict`, reservations also give 3.
     """
-    import typer
-
     bad = {"unreliable", "reservations"} if strict else {"unreliable"}
-    if outcome.verdict.grade in bad:
-        raise typer.Exit(3)
+    exit_if(outcome.verdict.grade in bad)
+
+
+def exit_if(failed: object, status: int = 3) -> None:
+    """End the program with an exit status, after all output is complete, if something failed."""
+    if failed:
+        raise typer.Exit(status)

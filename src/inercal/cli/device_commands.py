@@ -107,8 +107,7 @@ def check_driver(
     else:
         rows = ((r.name, "pass" if r.passed else "FAIL *", r.reason) for r in results)
         console.print_table(("check", "result", "found"), rows, title=address)
-    if not all(result.passed for result in results):
-        raise typer.Exit(1)
+    console.exit_if(not all(result.passed for result in results), 1)
 
 
 def _bench_of(run_file: Path | None) -> "ControlledBench | None":

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from inercal.basics.errors import InputError, error_location
-from inercal.basics.units import format_number, format_quantity, si_factor
+from inercal.basics.units import format_number, format_quantity, si_factor, to_si
 from inercal.cli.console import print_json, report_line
-from inercal.cli.options import Force, Json, assignments, flag, out_option
+from inercal.cli.options import Force, Json, assignments, flag, optional, out_option, repeated
 from inercal.cli.outputs import OutputKind, check_output_folder, check_outputs, source_files
 from inercal.physics.quantities import QUANTITIES
 
@@ -20,11 +20,8 @@ if TYPE_CHECKING:
 
 OPTION_FORM = "OPTION=VALUE"
 _LEAST = 1e-3  # of the unit of the largest error; smaller ones do not count
-SET = typer.Option(
-    [],
-    "--set",
-    metavar="OPTION=VALUE",
-    help="An option of the target, such as --set acc_id=1310988.",
+SET = repeated(
+    "An option of the target, such as --set acc_id=1310988.", "--set", metavar="OPTION=VALUE"
 )
 AXES = typer.Option(
     "x y z",
@@ -37,18 +34,12 @@ LOSSLESS = flag(
 REFIT = flag(
     "--refit", "Fit linear terms over the range, for a target that has no nonlinear terms."
 )
-FORCE_RANGE = typer.Option(
-    None,
-    "--over-force",
-    help="Range of each accelerometer, such as '-2 2 g' (default: that of the data).",
+FORCE_RANGE = optional(
+    "Range of each accelerometer, such as '-2 2 g' (default: that of the data).", "--over-force"
 )
-RATE_RANGE = typer.Option(None, "--over-rate", help="Range of each gyro, such as '-200 200 deg/s'.")
-FIELD_RANGE = typer.Option(
-    None, "--over-field", help="Range of each magnetometer, such as '-60 60 µT'."
-)
-TEMPERATURE_RANGE = typer.Option(
-    None, "--over-temperature", help="Temperature range, such as '-10 60 °C'."
-)
+RATE_RANGE = optional("Range of each gyro, such as '-200 200 deg/s'.", "--over-rate")
+FIELD_RANGE = optional("Range of each magnetometer, such as '-60 60 µT'.", "--over-field")
+TEMPERATURE_RANGE = optional("Temperature range, such as '-10 60 °C'.", "--over-temperature")
 
 
 def run(
@@ -70,8 +61,8 @@ def run(
     over_rate: str | None = RATE_RANGE,
     over_temperature: str | None = TEMPERATURE_RANGE,
     over_field: str | None = FIELD_RANGE,
-    name: str | None = typer.Option(
-        None, help="Name in the code and of the file (default: names of the sensor and the run)."
+    name: str | None = optional(
+        "Name in the code and of the file (default: names of the sensor and the run)."
     ),
     force: Force = False,
     json: Json = False,
@@ -149,8 +140,6 @@ def parse_range(text: str | None, unit: str, option: str) -> "Range | None":
     if text is None:
         return None
     import numpy as np
-
-    from inercal.basics.units import to_si
 
     parts = text.split(maxsplit=2)
     try:

@@ -13,7 +13,7 @@ from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.cli import export_command
-from inercal.cli.console import open_register, print_json, progress_status, report_line
+from inercal.cli.console import exit_if, open_register, print_json, progress_status, report_line
 from inercal.cli.options import (
     Force,
     Json,
@@ -21,6 +21,7 @@ from inercal.cli.options import (
     Workers,
     assignments,
     flag,
+    optional,
     out_option,
     warn_of_root,
 )
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from inercal.fleet.calibration import Counts
     from inercal.fleet.line import Line
 
-FAILED = 3  # exit status: some sensors have no reliable result
 _WORKER_MODULES = """
     fleet.batch calibration.files benches.hand.kind benches.hand.reading methods.six_position
     methods.residuals estimation.fitting pipeline recordings.io.npz
@@ -53,20 +53,15 @@ def calibrate(
     line: _Line,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    batch: int | None = typer.Option(
-        None, help="Number of sensors in a batch (default: as many as take 2 s)."
-    ),
+    batch: int | None = optional("Number of sensors in a batch (default: as many as take 2 s)."),
     retry_failed: bool = flag("--retry-failed", "Retry the sensors that failed before."),
-    timeout: float | None = typer.Option(
-        None,
+    timeout: float | None = optional(
+        "Time limit for a sensor, s (default: 20 times that of the others, at least 60).",
         metavar="SECONDS",
-        help="Time limit for a sensor, s (default: 20 times that of the others, at least 60).",
     ),
-    register: str | None = typer.Option(None, help="Enter the calibrations in this register."),
-    watch: Path | None = typer.Option(
-        None, help="Calibrate each recording as it arrives in this folder."
-    ),
-    count: int | None = typer.Option(None, help="With --watch: stop after this many recordings."),
+    register: str | None = optional("Enter the calibrations in this register."),
+    watch: Path | None = optional("Calibrate each recording as it arrives in this folder."),
+    count: int | None = optional("With --watch: stop after this many recordings."),
     out: _Out = None,
     json: Json = False,
 ) -> None:
@@ -131,8 +126,7 @@ def calibrate(
             entered = format_count(content["entered"], "calibration is", "calibrations are")
             print(f"{entered} in {content['register']}")
         print(f"wrote {folder}")
-    if without or found.unreliable:
-        raise typer.Exit(FAILED)
+    exit_if(without or found.unreliable)
 
 
 @app.command()
@@ -200,17 +194,12 @@ def report(
 def export(
     line: _Line,
     path: Path = typer.Argument(help="The table to write (.csv or .parquet); with --to, a folder."),
-    sensor: str | None = typer.Option(
-        None, help="Write the calibration file of this sensor instead."
-    ),
-    to: str | None = typer.Option(
-        None, help="Write one file per sensor for this target (inercal export --help)."
-    ),
+    sensor: str | None = optional("Write the calibration file of this sensor instead."),
+    to: str | None = optional("Write one file per sensor for this target (inercal export --help)."),
     stated: list[str] = export_command.SET,
-    column: list[str] | None = typer.Option(
-        None,
+    column: list[str] | None = optional(
+        "With --to: take an option from a column of sensors.csv: acc_id=device_id.",
         metavar="OPTION=COLUMN",
-        help="With --to: take an option from a column of sensors.csv: acc_id=device_id.",
     ),
     axes: str = export_command.AXES,
     lossless: bool = export_command.LOSSLESS,
@@ -355,5 +344,4 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: fl
     except KeyboardInterrupt:
         pass  # the usual way to end a station
     print(f"{done - failed} passed, {failed} failed")
-    if failed:
-        raise typer.Exit(FAILED)
+    exit_if(failed)

@@ -6,7 +6,7 @@ import typer
 
 from inercal.cli.console import print_json, print_lines
 from inercal.cli.export_command import OPTION_FORM
-from inercal.cli.options import Force, Json, assignments, out_option
+from inercal.cli.options import Force, Json, assignments, optional, out_option, repeated
 from inercal.cli.outputs import CALIBRATION, check_outputs
 
 
@@ -19,20 +19,16 @@ def run(
         "magcal, ros_magnetometer, or a format from another package.",
     ),
     out: Path | None = out_option("The calibration file to write."),
-    like: Path | None = typer.Option(
-        None, help="A calibration of the same sensor, from which the axes and readouts are taken."
+    like: Path | None = optional(
+        "A calibration of the same sensor, from which the axes and readouts are taken."
     ),
-    stated: list[str] = typer.Option(
-        [],
-        "--set",
-        metavar="OPTION=VALUE",
-        help="An option of the format, such as --set part=gyro.",
+    stated: list[str] = repeated(
+        "An option of the format, such as --set part=gyro.", "--set", metavar="OPTION=VALUE"
     ),
-    name: str | None = typer.Option(None, help="Name of the sensor."),
-    axes: str | None = typer.Option(
-        None,
-        help="Body axes of the file's x, y, z, such as 'x -y -z' (default: those that inercal "
-        "wrote in the file, or else 'x y z').",
+    name: str | None = optional("Name of the sensor."),
+    axes: str | None = optional(
+        "Body axes of the file's x, y, z, such as 'x -y -z' (default: those that inercal "
+        "wrote in the file, or else 'x y z')."
     ),
     force: Force = False,
     json: Json = False,

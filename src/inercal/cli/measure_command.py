@@ -13,8 +13,8 @@ from inercal.basics.atomic_files import keep_previous
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.basics.visible_text import visible_text
-from inercal.cli.console import print_json
-from inercal.cli.options import flag, out_option
+from inercal.cli.console import exit_if, print_json
+from inercal.cli.options import flag, optional, out_option, repeated
 from inercal.cli.outputs import WORKSHEET, check_outputs, require_suffix
 from inercal.physics.quantities import QUANTITIES
 
@@ -29,22 +29,18 @@ def run(
     plan: Path = typer.Argument(
         help="The run file (.toml), or the worksheet that inercal plan wrote (.csv)."
     ),
-    run_file: Path | None = typer.Option(
-        None,
-        "--run",
-        "-r",
-        help="The run file for the worksheet, if no run file in its folder names it.",
+    run_file: Path | None = optional(
+        "The run file for the worksheet, if no run file in its folder names it.", "--run", "-r"
     ),
     out: Path | None = out_option("The table to fill (.csv); by default \\[data] file."),
     readings: int = typer.Option(
         1, "--readings", "-n", min=1, max=10_000, help="Number of readings per mean."
     ),
-    instrument: list[str] = typer.Option(
-        [],
+    instrument: list[str] = repeated(
+        "Address of an instrument that reads the sensor: tcp://HOST:PORT, "
+        "serial:PATH?baud=9600 or visa:GPIB0::22::INSTR. Give several in the order of the columns.",
         "--instrument",
         "-i",
-        help="Address of an instrument that reads the sensor: tcp://HOST:PORT, "
-        "serial:PATH?baud=9600 or visa:GPIB0::22::INSTR. Give several in the order of the columns.",
     ),
     query: str = typer.Option(
         "READ?",
@@ -126,8 +122,7 @@ def run(
         if not path.is_file() or path.read_bytes() != before:
             print(f"wrote {path}")
         print(after)
-    if not complete:
-        raise typer.Exit(_OPEN)
+    exit_if(not complete, _OPEN)
 
 
 def _run_and_table(plan: Path, run_file: Path | None, out: Path | None) -> "tuple[Run, Path]":

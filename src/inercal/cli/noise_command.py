@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
-from inercal.cli.console import open_register, print_json, print_written_files, progress_status
-from inercal.cli.log_drafts import stated_keys
+from inercal.cli import console
+from inercal.cli.init_command import stated_keys
 from inercal.cli.noise_outputs import NoiseFiles
-from inercal.cli.options import Force, Json, flag
+from inercal.cli.options import Force, Json, flag, optional, repeated
 from inercal.cli.outputs import PAGE, check_outputs
 
 if TYPE_CHECKING:
@@ -23,62 +24,54 @@ def run(
     recording: Path | None = typer.Argument(
         None, help="A recording at rest, or the run file (.toml) whose \\[data] names it."
     ),
-    datasheet: Path | None = typer.Option(
-        None,
-        metavar="FILE",
-        help="A file (.toml) with the noise that a data sheet states. It is compared with the "
+    datasheet: Path | None = optional(
+        "A file (.toml) with the noise that a data sheet states. It is compared with the "
         "recording, or imported if there is no recording.",
+        metavar="FILE",
     ),
-    stated: list[str] = typer.Option(
-        [],
+    stated: list[str] = repeated(
+        "Values that you know: --set data.gyro=gx,gy,gz, --set sensor.gyro.unit=°/s, "
+        '--set "data.rate=100 Hz".',
         "--set",
         metavar="KEY=VALUE",
-        help="Values that you know: --set data.gyro=gx,gy,gz, --set sensor.gyro.unit=°/s, "
-        '--set "data.rate=100 Hz".',
     ),
-    terms: str | None = typer.Option(
-        None, help="Terms to fit, such as NBK, instead of those that the data justify."
+    terms: str | None = optional(
+        "Terms to fit, such as NBK, instead of those that the data justify."
     ),
     method: str = typer.Option(
         "likelihood", help="Estimator for the reported values: likelihood, gmwm or wls_log."
     ),
     spacing: str = typer.Option("octave", "--taus", help="Averaging times: octave, decade or all."),
     skip_disturbed: bool = flag("--skip-disturbed", "Exclude disturbed periods from the fit."),
-    skip_band: list[str] = typer.Option(
-        [],
+    skip_band: list[str] = repeated(
+        "Exclude a frequency band in Hz from the fit, such as that of a vibration: 3.5-5.5.",
         metavar="LOW-HIGH",
-        help="Exclude a frequency band in Hz from the fit, such as that of a vibration: 3.5-5.5.",
     ),
     report: bool = flag("--report", "Write a page with the plots."),
-    run_files: list[Path] = typer.Option(
-        [],
+    run_files: list[Path] = repeated(
+        "Write the noise to \\[sensor.*] in this run file; an existing file needs --force.",
         "--write",
         metavar="RUN_FILE",
-        help="Write the noise to \\[sensor.*] in this run file; an existing file needs --force.",
     ),
-    to: list[str] = typer.Option(
-        [],
+    to: list[str] = repeated(
+        "Write the noise for another program, or as the Q of a filter.",
         metavar="kalibr|vins_fusion|fast_lio|ros|filter",
-        help="Write the noise for another program, or as the Q of a filter.",
     ),
     horizon: float = typer.Option(
         100.0,
         help="Time in s at which a random walk equals a bias instability, for a program that "
         "supports only random walks.",
     ),
-    register: str | None = typer.Option(
-        None,
-        help="Enter the analysis in this register: a path, sqlite:///PATH or "
-        "postgresql://USER@HOST/DATABASE; by default $INERCAL_REGISTER.",
+    register: str | None = optional(
+        "Enter the analysis in this register: a path, sqlite:///PATH or "
+        "postgresql://USER@HOST/DATABASE; by default $INERCAL_REGISTER."
     ),
-    sensor: str | None = typer.Option(
-        None, help="Name of the sensor in the register; by default that in the run file."
+    sensor: str | None = optional(
+        "Name of the sensor in the register; by default that in the run file."
     ),
-    measured: str | None = typer.Option(
-        None, help="Date of the recording, such as 2026-03-01; by default now."
-    ),
-    by: str | None = typer.Option(
-        None, help="Name of the person who enters the analysis; by default your user name."
+    measured: str | None = optional("Date of the recording, such as 2026-03-01; by default now."),
+    by: str | None = optional(
+        "Name of the person who enters the analysis; by default your user name."
     ),
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder for the files to write."),
     force: Force = False,
@@ -125,9 +118,9 @@ def run(
         long = open_long_rest_recording(recording, known)
     if long is not None:
         _require_possible_in_blocks(recording, method, spacing, skip_disturbed=skip_disturbed)
-        with progress_status(f"reading {recording} in blocks"):
+        with console.progress_status(f"reading {recording} in blocks"):
             stream = long.stream()
-        with progress_status(f"analysing {recording}"):
+        with console.progress_status(f"analysing {recording}"):
             from inercal.noise.analysis import candidate_models
 
             readings = stream.block_mean_recording()
@@ -135,10 +128,10 @@ def run(
             analysis = stream.analysis(candidate_models(terms), bands, long.table.sha256())
             analysis = replace(analysis, movement=moved)
     else:
-        with progress_status(f"reading {recording}"):
+        with console.progress_status(f"reading {recording}"):
             readings = _read(recording, known)
             _require_rest(readings, section, to, register)
-        with progress_status(f"analysing {recording}"):
+        with console.progress_status(f"analysing {recording}"):
             from inercal.noise import analyse_noise
 
             analysis = analyse_noise(
@@ -158,12 +151,12 @@ def run(
     compared = () if sheet is None else compare_with_sheet(analysis, sheet)
     files = targets.write(recording.stem, sensor_noise(analysis)) if targets.are_wanted else {}
     for kind, path in pages.items():
-        from inercal.report import write_noise
+        from inercal.report.noise_page import noise_page
 
-        files[kind] = write_noise(analysis, readings, path, sheet)
+        files[kind] = write_text(path, noise_page(analysis, readings, sheet))
     entered: dict[str, str | int] = {}
     if register is not None:
-        with open_register(register, by) as opened:
+        with console.open_register(register, by) as opened:
             number = opened.enter_noise(analysis, name, measured)
             entered = {"register": opened.address, "sensor": name, "number": number}
     if json:
@@ -172,18 +165,17 @@ def run(
         content = analysis_object(analysis) | {key: str(path) for key, path in files.items()}
         if sheet is not None:
             content["data_sheet"] = sheet_object(sheet, compared)
-        print_json(content | ({"entered": entered} if entered else {}))
+        console.print_json(content | ({"entered": entered} if entered else {}))
     else:
         print_analysis(analysis)
         if sheet is not None:
             print_comparison_with_sheet(compared, sheet)
-        print_written_files(files.values())
+        console.print_written_files(files.values())
         if entered:
             print(
                 f"{entered['register']}: noise analysis {entered['number']} of {entered['sensor']}"
             )
-    if analysis.movement:
-        raise typer.Exit(3)
+    console.exit_if(analysis.movement)
 
 
 def _require_rest(
@@ -350,7 +342,8 @@ def _import_data_sheet(
     targets.check(path.stem, [path])
     files = targets.write(path.stem, sheet.sensor_noise)
     if json:
-        print_json({"data_sheet": sheet_object(sheet)} | {k: str(one) for k, one in files.items()})
+        written = {kind: str(one) for kind, one in files.items()}
+        console.print_json({"data_sheet": sheet_object(sheet)} | written)
         return
     print_sheet(sheet)
-    print_written_files(files.values())
+    console.print_written_files(files.values())

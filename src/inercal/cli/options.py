@@ -46,9 +46,19 @@ def flag(name: str, meaning: str) -> Any:
     return typer.Option(False, name, help=meaning)
 
 
+def optional(meaning: str, *names: str, **settings: Any) -> Any:
+    """Return an option that is None unless it is given; by default it is named as its parameter."""
+    return typer.Option(None, *names, help=meaning, **settings)
+
+
+def repeated(meaning: str, *names: str, **settings: Any) -> Any:
+    """Return an option that can be given several times, and is an empty list by default."""
+    return typer.Option([], *names, help=meaning, **settings)
+
+
 def out_option(meaning: str) -> Any:
     """Return the option `--out` of a verb that has a default place for its output, or none."""
-    return typer.Option(None, "--out", "-o", help=meaning)
+    return optional(meaning, "--out", "-o")
 
 
 def assignments(

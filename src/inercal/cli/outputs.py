@@ -98,6 +98,27 @@ def check_outputs(
             raise InputError(f"{path} and {other} are the same file: name another", file=path)
 
 
+def checked_targets(
+    out: Path | None, kinds: Mapping[str, OutputKind], inputs: Iterable[Path], *, force: bool
+) -> list[Path]:
+    """Return the files to write to a folder, after `check_outputs`; empty without a folder.
+
+    Parameters
+    ----------
+    out : Path or None
+        The folder.
+    kinds : mapping of str to OutputKind
+        Kinds of the files, by name.
+    inputs, force
+        See `check_outputs`.
+    """
+    if out is None:
+        return []
+    targets = {out / name: kind for name, kind in kinds.items()}
+    check_outputs(targets, inputs, force=force)
+    return list(targets)
+
+
 def check_output_folder(
     folder: Path, files: Sequence[str], inputs: Iterable[Path] = (), *, force: bool = False
 ) -> None:

@@ -14,9 +14,9 @@ import typer
 
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InercalError, InputError
-from inercal.basics.units import format_duration
+from inercal.basics.units import format_duration, format_value_and_uncertainty, parse_quantity
 from inercal.cli import console
-from inercal.cli.options import Force, Json, Scheduler, Workers, out_option, warn_of_root
+from inercal.cli.options import Force, Json, Scheduler, Workers, optional, out_option, warn_of_root
 from inercal.cli.outputs import WORKSHEET, check_outputs, require_suffix
 from inercal.physics.quantities import QUANTITIES
 
@@ -98,7 +98,6 @@ def print_optimised_plan(
     json: bool,
 ) -> None:
     """Search for a path, print its plan and write it to a file."""
-    from inercal.basics.units import parse_quantity
     from inercal.benches.turntable import require_turntable
     from inercal.pipeline.design.path_search import path_table, search_path, with_path
     from inercal.runfile import read
@@ -282,7 +281,6 @@ def _uncertainty_as_object(expected: "ExpectedUncertainty") -> dict[str, Any]:
 
 
 def _print(run: "Run", plan: _Plan) -> None:
-    from inercal.basics.units import format_value_and_uncertainty
     from inercal.estimation.uncertainty import COVERAGE
 
     console.print_table(plan.heads, plan.rows, title=plan.title)
@@ -310,31 +308,27 @@ def run(
         metavar="METHOD|RUN_FILE",
         help="A method: multi-position, dual-orthogonal, …; or a run file (.toml) with its method.",
     ),
-    run_file: Path | None = typer.Option(
-        None, "--run", "-r", help="Run file that states the sensor, the bench and the coefficients."
+    run_file: Path | None = optional(
+        "Run file that states the sensor, the bench and the coefficients.", "--run", "-r"
     ),
-    positions: int | None = typer.Option(
-        None,
-        help=f"Number of rests for a hand-held sensor (default {_POSITIONS}), or of positions on a "
-        "dividing head "
-        "(default: the run file's).",
+    positions: int | None = optional(
+        f"Number of rests for a hand-held sensor (default {_POSITIONS}), or of positions on a "
+        "dividing head (default: the run file's)."
     ),
-    seconds: float | None = typer.Option(
-        None,
-        help=f"Length of each hold, s (default: {_SECONDS:g} if hand-held, else the run file's).",
+    seconds: float | None = optional(
+        f"Length of each hold, s (default: {_SECONDS:g} if hand-held, else the run file's)."
     ),
     out: Path | None = out_option(
         "The table to fill in (.csv), for a bench that has a worksheet; some benches also "
         "get a page to print (.html)."
     ),
-    optimise: str | None = typer.Option(
-        None,
-        metavar="DURATION",
-        help="Search for a better path for method systematic that takes at most this time, such "
+    optimise: str | None = optional(
+        "Search for a better path for method systematic that takes at most this time, such "
         'as "20 min"; --out writes it as a file for \\[method] path.',
+        metavar="DURATION",
     ),
-    trials: int | None = typer.Option(
-        None, min=1, help=f"Number of paths that --optimise evaluates (default {_TRIALS})."
+    trials: int | None = optional(
+        f"Number of paths that --optimise evaluates (default {_TRIALS}).", min=1
     ),
     force: Force = False,
     workers: Workers = None,

@@ -5,16 +5,10 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError, error_location
-from inercal.cli.console import (
-    print_json,
-    print_line,
-    print_lines,
-    print_table,
-    print_written_files,
-    report_line,
-)
-from inercal.cli.options import Force, Json, flag, out_option
+from inercal.cli import console
+from inercal.cli.options import Force, Json, flag, optional, out_option, repeated
 from inercal.cli.outputs import PAGE, PREDICTIONS, check_outputs, require_suffix, source_files
 
 if TYPE_CHECKING:
@@ -25,12 +19,11 @@ _LEAST_SHARE = 0.005  # smallest share that is printed
 
 def run(
     calibration_file: Path = typer.Argument(help="A *.calibration.json file."),
-    at: list[str] = typer.Option(
-        [],
-        help='A point, such as "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"; m is the field.',
+    at: list[str] = repeated(
+        'A point, such as "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"; m is the field.'
     ),
-    points: Path | None = typer.Option(
-        None, help="A table of points: columns fx \\[g], …, wx \\[°/s], …, mx \\[µT], …, T \\[°C]."
+    points: Path | None = optional(
+        "A table of points: columns fx \\[g], …, wx \\[°/s], …, mx \\[µT], …, T \\[°C]."
     ),
     sweep: str = typer.Option(
         "", help='A part that varies, such as "fx = -1 g … 1 g"; --at states the other parts.'
@@ -71,26 +64,28 @@ def run(
     with error_location(f"{points or calibration_file}"):
         found = calibration.predict(**chosen, extrapolate=extrapolate)
     if sweep and out is not None:
-        from inercal.report import write_prediction
+        from inercal.report import report_packages
 
-        write_prediction(calibration, found, name, out)
+        with report_packages():
+            from inercal.report.budget_page import prediction_page
+        write_text(out, prediction_page(calibration, found, name))
     elif out is not None:
         from inercal.recordings.io.mean_tables import write_means
 
         write_means(out, prediction_columns(found))
     verdict = calibration.verdict
     if verdict is not None and verdict.grade == "unreliable":
-        report_line(f"warning: {calibration_file} is {verdict.word}")
+        console.report_line(f"warning: {calibration_file} is {verdict.word}")
     if json:
         more = {"expanded": found.expanded.tolist(), "file": None if out is None else str(out)}
         parts = {name: one for name, one in record_object(found).items() if one is not None}
-        print_json(parts | more)
+        console.print_json(parts | more)
         return
     for j in range(len(found.outside) if out is None else 0):
         _print_point(found, j)
-    print_lines(found.remarks)
+    console.print_lines(found.remarks)
     if out is not None:
-        print_written_files([out])
+        console.print_written_files([out])
 
 
 def _print_point(found: "Prediction", j: int) -> None:
@@ -101,8 +96,8 @@ def _print_point(found: "Prediction", j: int) -> None:
     from inercal.estimation.uncertainty import COVERAGE
     from inercal.pipeline.operating_points import point_text, quantity_cells
 
-    print_line(point_text(found, j), "bold")
-    print_table(
+    console.print_line(point_text(found, j), "bold")
+    console.print_table(
         ("", ">reading", ">raw error", ">corrected ± U (k = 2)"),
         ((name, *quantity_cells(found, j, k)) for k, name in enumerate(found.names)),
     )
@@ -113,15 +108,15 @@ def _print_point(found: "Prediction", j: int) -> None:
                 percent = (f"{round(100 * x) + 0} %" for x in share[j].tolist())
                 shares.append((name, *(cell.replace("-", "−") for cell in percent)))
         shares.append(())
-    print_table(("share of u²", *(f">{name}" for name in found.names)), shares)
+    console.print_table(("share of u²", *(f">{name}" for name in found.names)), shares)
     if found.heading_std is not None and isfinite(found.heading_std[j]):
         heading = format_quantity(COVERAGE * float(found.heading_std[j]), 0.0, "°", 2)
-        print_line(f"Magnetic heading from the corrected f and m: U = {heading} (k = 2).")
-    print_lines(f"Outside the validity: {one.text}." for one in found.outside[j])
+        console.print_line(f"Magnetic heading from the corrected f and m: U = {heading} (k = 2).")
+    console.print_lines(f"Outside the validity: {one.text}." for one in found.outside[j])
     if not found.outside[j]:
-        print_line("Inside the ranges that the calibration states.")
+        console.print_line("Inside the ranges that the calibration states.")
     elif found.effects:
-        print_line("U includes the effects in the last rows, which the data cannot show.")
+        console.print_line("U includes the effects in the last rows, which the data cannot show.")
 
 
 __all__ = ["run"]

@@ -8,7 +8,7 @@ import typer
 
 from inercal.basics.errors import InputError
 from inercal.cli import console
-from inercal.cli.options import Force, Json, RegisterOption, flag, out_option
+from inercal.cli.options import Force, Json, RegisterOption, flag, optional, out_option
 from inercal.cli.outputs import TYPE_PRIOR, check_outputs, require_suffix
 
 if TYPE_CHECKING:
@@ -21,20 +21,18 @@ def run(
         None, help="Calibration files of different sensors of one type.", metavar="FILE…"
     ),
     register: RegisterOption = None,
-    type_name: str | None = typer.Option(
-        None,
-        "--type",
-        help="Maker and model as in \\[job], such as 'Q-Flex QA 2000': use the newest calibrations "
+    type_name: str | None = optional(
+        "Maker and model as in \\[job], such as 'Q-Flex QA 2000': use the newest calibrations "
         "of these sensors in the register; replaces the files.",
+        "--type",
     ),
-    coefficients: list[str] | None = typer.Option(
-        None,
+    coefficients: list[str] | None = optional(
+        "Coefficient or group, such as kip; repeatable. Default: all nonlinear and "
+        "cross-coupling coefficients that all files have.",
         "--coefficients",
         "-c",
-        help="Coefficient or group, such as kip; repeatable. Default: all nonlinear and "
-        "cross-coupling coefficients that all files have.",
     ),
-    without: list[str] | None = typer.Option(None, help="Name of a sensor to leave out."),
+    without: list[str] | None = optional("Name of a sensor to leave out."),
     each_axis: bool = flag("--each-axis", "Treat each axis of a file as a sensor of its own."),
     out: Path | None = out_option("File to write, for prior_type in a run file: type.prior.toml."),
     force: Force = False,

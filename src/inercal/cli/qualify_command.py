@@ -11,8 +11,8 @@ import typer
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_number
-from inercal.cli.console import open_register, print_json, print_line, print_lines, print_table
-from inercal.cli.options import Force, Json, RegisterOption, flag, out_option
+from inercal.cli import console
+from inercal.cli.options import Force, Json, RegisterOption, flag, optional, out_option
 from inercal.cli.outputs import QUALIFICATION, check_outputs
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from inercal.benches.qualification.result import ParameterDrift
     from inercal.laboratory.store.uses import QualificationUse
 
-_NOT_TO_BE_RELIED_ON = 3  # the exit status
 _SHOWN = {"rad": "″", "1": "ppm", "(m/s²)⁻¹": "ppm/g", "m": "mm", "m/s²": "m/s²", "s": "ms"}
 _LARGEST_CORRELATION = 0.05  # smallest correlation that is printed
 
@@ -34,10 +33,9 @@ def run(
     out: Path | None = out_option("The qualification to write, *.qualification.json."),
     force: Force = False,
     drift: bool = flag("--drift", "Compare two successive qualifications of one bench."),
-    withdraw: str | None = typer.Option(
-        None,
+    withdraw: str | None = optional(
+        "Withdraw a qualification: mark the file, and list the calibrations that used it.",
         metavar="REASON",
-        help="Withdraw a qualification: mark the file, and list the calibrations that used it.",
     ),
     register: RegisterOption = None,
     json: Json = False,
@@ -70,13 +68,12 @@ def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
     if out is not None:
         save(found, out)
     if json:
-        print_json(qualification_object(found))
+        console.print_json(qualification_object(found))
     else:
         _print_qualification(found)
         if out is not None:
             print(f"wrote {out}")
-    if not found.consistent:
-        raise typer.Exit(_NOT_TO_BE_RELIED_ON)
+    console.exit_if(not found.consistent)
 
 
 def _drift(files: list[Path], json: bool) -> None:
@@ -85,7 +82,7 @@ def _drift(files: list[Path], json: bool) -> None:
     earlier, later = map(load, files)
     found = drift_between(earlier, later)
     if json:
-        print_json({"drift": [one._asdict() for one in found]})
+        console.print_json({"drift": [one._asdict() for one in found]})
         return
     _print_drift(earlier, later, found)
 
@@ -98,7 +95,7 @@ def _withdraw(file: Path, reason: str, address: str | None, json: bool) -> None:
     found = load(file)
     if not reason.strip() and not found.withdrawn:
         raise InputError("--withdraw: the reason is empty; give one", key="--withdraw")
-    with open_register(address, create=False) as opened:
+    with console.open_register(address, create=False) as opened:
         uses = qualification_uses(opened, found.determination)
         place = opened.address
     if not found.withdrawn:
@@ -106,7 +103,7 @@ def _withdraw(file: Path, reason: str, address: str | None, json: bool) -> None:
         found = replace(found, withdrawn=f"{day}: {' '.join(reason.split())}")
         save(found, file)
     if json:
-        print_json(
+        console.print_json(
             {
                 "determination": found.determination,
                 "withdrawn": found.withdrawn,
@@ -127,14 +124,14 @@ def _print_qualification(found: "Qualification") -> None:
 
     place = "the site" if found.bench == ANY_BENCH else f"{found.bench} {found.bench_name}".strip()
     ends = f", valid until {found.valid_until}" if found.valid_until else ""
-    print_line(f"{found.kind} of {place}, {found.date}{ends}: {found.method}")
+    console.print_line(f"{found.kind} of {place}, {found.date}{ends}: {found.method}")
     rows: list[tuple[str, ...]] = []
     for one, u in zip(found.parameters, found.std, strict=True):
         unit, si = _shown_unit(one.unit)
         shown = format_value_and_uncertainty(one.value / si, 2 * float(u) / si)
         earlier = one.determination != found.determination
         rows.append((one.name, *shown, unit, f"{one.date} (earlier)" if earlier else ""))
-    print_table(("parameter", ">value", ">U (k = 2)", "unit", "from"), rows)
+    console.print_table(("parameter", ">value", ">U (k = 2)", "unit", "from"), rows)
     correlation = found.covariance / np.outer(found.std, found.std)
     lines = [
         f"correlation of {found.names[j]} and {name}: {correlation[i, j]:.3f}"
@@ -153,7 +150,7 @@ def _print_qualification(found: "Qualification") -> None:
         lines.append(f"expired on {found.valid_until}")
     if found.withdrawn:
         lines.append(f"withdrawn, {found.withdrawn}")
-    print_lines(lines, "· ")
+    console.print_lines(lines, "· ")
 
 
 def _shown_unit(unit: str) -> tuple[str, float]:
@@ -169,7 +166,7 @@ def _print_drift(
 ) -> None:
     """Print the difference between two qualifications, and the random walk between them."""
     days = (later.date - earlier.date).days
-    print_line(
+    console.print_line(
         f"{later.kind} of {later.bench} {later.bench_name}: {format_count(days, 'day')} between"
     )
     rows: list[tuple[str, ...]] = []
@@ -178,16 +175,16 @@ def _print_drift(
         sizes = (one.difference, one.std, sqrt(one.walk), sqrt(one.upper), one.u_year)
         rows.append((one.name, *(format_number(x / si, 3) for x in sizes), unit))
     numbers = (">difference", ">u", ">√q a year", ">at most", ">u after a year")
-    print_table(("parameter", *numbers, "unit"), rows)
+    console.print_table(("parameter", *numbers, "unit"), rows)
 
 
 def _print_uses(found: "Qualification", register: str, uses: "Sequence[QualificationUse]") -> None:
     """Print the calibrations and certificates that used a withdrawn qualification."""
-    print_line(f"withdrawn, {found.withdrawn}: {found.kind} of {found.date}")
+    console.print_line(f"withdrawn, {found.withdrawn}: {found.kind} of {found.date}")
     if not uses:
-        print_line(f"no calibration in {register} used it")
+        console.print_line(f"no calibration in {register} used it")
         return
-    print_table(
+    console.print_table(
         ("calibration", "sensor", "measured", "parameters", "certificates"),
         [
             (f"#{one.calibration}", one.sensor, one.measured[:10], ", ".join(one.parameters),

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from inercal.basics.atomic_files import write_text
+from inercal.basics.units import format_count, format_number, format_value_and_uncertainty
 from inercal.cli import console
 from inercal.cli.options import Force, Json, RegisterOption, out_option
-from inercal.cli.outputs import CALIBRATION, REPEATABILITY, check_outputs
-from inercal.cli.session_inputs import SameOption, Sensor, Sessions
+from inercal.cli.outputs import CALIBRATION, REPEATABILITY, checked_targets
+from inercal.cli.session_inputs import SameOption, Sensor, Sessions, read_sessions
 
 if TYPE_CHECKING:
     from inercal.laboratory.repeatability import Repeatability
@@ -38,19 +39,16 @@ def run(
     """Find a sensor's mean over several calibrations, and the uncertainty for its next use."""
     from inercal.basics.documents import document_text
     from inercal.calibration.files import save
-    from inercal.cli.session_inputs import read_sessions
     from inercal.laboratory.repeatability import next_use_calibration, repeat, repeatability_object
 
     given, inputs = read_sessions(files, table, sensor, register, same)
     sessions = [one.session for one in given]
-    targets: list[Path] = []
-    if out is not None:
-        stem = sessions[-1].calibration.sensor.name.replace("/", "_")
-        targets = [
-            out / f"{stem}.{kind}.json" for kind in ("repeatability", "next_use.calibration")
-        ]
-        kinds = dict(zip(targets, (REPEATABILITY, CALIBRATION), strict=True))
-        check_outputs(kinds, inputs, force=force)
+    stem = sessions[-1].calibration.sensor.name.replace("/", "_")
+    kinds = {
+        f"{stem}.repeatability.json": REPEATABILITY,
+        f"{stem}.next_use.calibration.json": CALIBRATION,
+    }
+    targets = checked_targets(out, kinds, inputs, force=force)
     found = repeat(sessions, scope=scope, mount_owner=mount)
     if targets:
         write_text(targets[0], document_text(repeatability_object(found)))
@@ -64,7 +62,6 @@ def run(
 
 def _print_repeatability(found: "Repeatability") -> None:
     """Print the mean and next-use uncertainty of each coefficient, the scatter and the findings."""
-    from inercal.basics.units import format_count, format_number, format_value_and_uncertainty
     from inercal.laboratory.repeatability.repeated_sessions import advice_lines
 
     matched = found.matched

@@ -7,8 +7,8 @@ import typer
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_number
-from inercal.cli.console import print_json, progress_status
-from inercal.cli.options import Scheduler, Workers, flag, out_option, warn_of_root
+from inercal.cli.console import exit_if, print_json, progress_status
+from inercal.cli.options import Scheduler, Workers, flag, optional, out_option, warn_of_root
 from inercal.cli.outputs import PAGE, check_outputs
 
 if TYPE_CHECKING:
@@ -25,10 +25,10 @@ def run(
     out: Path | None = out_option(
         "Folder for the page; by default the current one, and no page with --json."
     ),
-    trials: int | None = typer.Option(
-        None, help="Largest number of Monte Carlo trials of a study (default: 4000)."
+    trials: int | None = optional(
+        "Largest number of Monte Carlo trials of a study (default: 4000)."
     ),
-    seed: int | None = typer.Option(None, help="Seed of the noise of a study (default: 0)."),
+    seed: int | None = optional("Seed of the noise of a study (default: 0)."),
     workers: Workers = None,
     scheduler: Scheduler = None,
     json: bool = flag("--json", "Print one JSON list of the claims."),
@@ -100,8 +100,7 @@ def _reproduce_bundle(path: Path, json: bool) -> None:
             if found.reproduced
             else f"not reproduced: a difference of more than {TOLERANCE} u, or a different verdict"
         )
-    if not found.reproduced:
-        raise typer.Exit(3)
+    exit_if(not found.reproduced)
 
 
 def _print(study: "Study") -> None:
@@ -110,7 +109,7 @@ def _print(study: "Study") -> None:
     from rich.text import Text
 
     from inercal.cli.terminal import terminal
-    from inercal.studies.claim import format_significant
+    from inercal.studies.claim import shown
 
     table = Table(title=study.title, caption=study.source, box=box.SIMPLE, pad_edge=False)
     table.add_column("claim", ratio=1)
@@ -120,7 +119,7 @@ def _print(study: "Study") -> None:
     for section in study.sections:
         for finding in section.findings:
             claim = finding.claim
-            u = format_significant(finding.uncertainty) if finding.uncertainty else "0"
+            u = shown(finding.uncertainty) if finding.uncertainty else "0"
             title = claim.title + (f", {claim.unit}" if claim.unit else "")
             verdict = Text(finding.verdict, _COLOURS[finding.verdict])
             if claim.printed is None:

@@ -5,15 +5,13 @@ from pathlib import Path
 import typer
 
 from inercal.basics.atomic_files import write_text
-from inercal.cli.console import print_json, progress_status
-from inercal.cli.options import flag
+from inercal.cli.console import exit_if, print_json, progress_status
+from inercal.cli.options import flag, repeated
 from inercal.cli.outputs import SELF_CHECK, check_outputs
-
-_FAILED = 3  # the exit status
 
 
 def run(
-    method: list[str] = typer.Option([], help="Check only this method."),
+    method: list[str] = repeated("Check only this method."),
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder for the dated report."),
     json: bool = flag("--json", "Print one JSON object, and no report."),
 ) -> None:
@@ -36,5 +34,4 @@ def run(
         path = out / f"self-check-{day_and_time}.txt"
         check_outputs({path: SELF_CHECK})
         print(f"wrote {write_text(path, text)}")
-    if not check.passed:
-        raise typer.Exit(_FAILED)
+    exit_if(not check.passed)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from inercal.basics.errors import InputError, error_location
-from inercal.basics.units import format_count
+from inercal.basics.units import ZERO_CELSIUS, format_count, format_value_and_uncertainty
 from inercal.cli.console import (
     make_table,
     print_json,
@@ -16,7 +16,7 @@ from inercal.cli.console import (
     print_table,
     print_verdict,
 )
-from inercal.cli.options import Explain, Json, flag
+from inercal.cli.options import Explain, Json, flag, repeated
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
@@ -31,8 +31,8 @@ _OTHER_KEYS = {"g": "gravity", **dict.fromkeys(_EARTH, "latitude")}
 
 def run(
     file: Path = typer.Argument(help="A calibration file, a run file, or a recording."),
-    at: list[str] = typer.Option(
-        [], help='A temperature, such as "-30 °C", at which to show a calibration\'s coefficients.'
+    at: list[str] = repeated(
+        'A temperature, such as "-30 °C", at which to show a calibration\'s coefficients.'
     ),
     as_paper: bool = flag(
         "--as-paper",
@@ -83,7 +83,6 @@ def _print_verdict_or_notes(calibration: "Calibration", explain: bool) -> None:
 
 def _show_as_paper(file: Path, explain: bool, json: bool) -> None:
     """Show a centrifuge calibration in the form of Wang and Li 2021, with U = 2 u."""
-    from inercal.basics.units import format_value_and_uncertainty
     from inercal.calibration.display import title
     from inercal.calibration.files import load
     from inercal.estimation.uncertainty import COVERAGE
@@ -123,7 +122,6 @@ def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
     """Show the coefficients of a calibration at given temperatures, with U = 2 u."""
     import numpy as np
 
-    from inercal.basics.units import ZERO_CELSIUS, format_value_and_uncertainty
     from inercal.calibration.display import temperature_curves
     from inercal.calibration.files import load
     from inercal.estimation.uncertainty import COVERAGE
@@ -234,7 +232,6 @@ def _acting_parameters(run: "Run") -> set[str]:
 def _print_bench_errors(errors: Sequence[Mapping[str, Any]]) -> None:
     """Print a table of bench errors with value and standard deviation in customary units."""
     from inercal.basics.parameters import Parameter, display_unit
-    from inercal.basics.units import format_value_and_uncertainty
 
     rows: list[tuple[str, ...]] = []
     for row in errors:

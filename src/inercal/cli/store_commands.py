@@ -9,7 +9,7 @@ from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InercalError, InputError, error_location
 from inercal.basics.units import format_count
 from inercal.cli.console import open_register, print_json, report_line
-from inercal.cli.options import Force, Json, RegisterOption, assignments, flag, out_option
+from inercal.cli.options import Force, Json, RegisterOption, assignments, flag, optional, out_option
 from inercal.cli.outputs import BACKUP, PAGE, check_outputs
 
 if TYPE_CHECKING:
@@ -105,18 +105,16 @@ def history(
         None, help="Coefficients to show in full: ax.k0, k0, bias; by default a summary of all."
     ),
     out: Path | None = out_option("The HTML page to write, with figures."),
-    limit: list[str] | None = typer.Option(
-        None,
-        help="Largest U until the next calibration, such as 'bias=1 mg'; by default the "
-        "limits that the newest calibration states.",
+    limit: list[str] | None = optional(
+        "Largest U until the next calibration, such as 'bias=1 mg'; by default the "
+        "limits that the newest calibration states."
     ),
-    in_use: float | None = typer.Option(
-        None, help="Percentage of time in use, to give the interval also in hours."
+    in_use: float | None = optional(
+        "Percentage of time in use, to give the interval also in hours."
     ),
-    like: list[str] | None = typer.Option(
-        None,
-        help="A sensor of the same type, for the interval of a sensor with few "
-        "calibrations; by default those with the same model in \\[job].",
+    like: list[str] | None = optional(
+        "A sensor of the same type, for the interval of a sensor with few "
+        "calibrations; by default those with the same model in \\[job]."
     ),
     register: RegisterOption = None,
     json: Json = False,
@@ -171,10 +169,9 @@ def history(
 def diff(
     first: str = typer.Argument(help="The number of a calibration, or a file."),
     second: str = typer.Argument(help="A later calibration: its number, or a file."),
-    repeatability: Path | None = typer.Option(
-        None,
-        help="A result of inercal repeat, for the usual scatter from run to run; by default "
-        "this is taken from the sensor's other calibrations in the register.",
+    repeatability: Path | None = optional(
+        "A result of inercal repeat, for the usual scatter from run to run; by default "
+        "this is taken from the sensor's other calibrations in the register."
     ),
     register: RegisterOption = None,
     json: Json = False,
@@ -219,12 +216,10 @@ def _run_to_run(
 @app.command("import")
 def import_(
     paths: list[Path] = typer.Argument(help="Calibration files, and folders of bench runs."),
-    measured: str | None = typer.Option(
-        None, help="Date of measurement for a single calibration, such as 2026-03-01."
+    measured: str | None = optional(
+        "Date of measurement for a single calibration, such as 2026-03-01."
     ),
-    by: str | None = typer.Option(
-        None, help="Name of the person who enters the data; by default your user name."
-    ),
+    by: str | None = optional("Name of the person who enters the data; by default your user name."),
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:

@@ -13,24 +13,14 @@ from inercal.calibration.comparison.courses import CourseFit
 from inercal.calibration.comparison.run_to_run import format_en, grade_text
 from inercal.cli.calibration_view import print_calibration_table, run_to_run_object
 from inercal.cli.console import axis_of, number_heads, print_line, print_lines, print_table
-from inercal.laboratory.store import CalibrationEntry, RunEntry, SensorEntry, SensorHistory
-from inercal.laboratory.store.history import CoefficientTrend
-from inercal.laboratory.store.history_text import (
-    HEADS,
-    NEWEST_HEADS,
-    change_lines,
-    drift_text,
-    format_bands,
-    format_point,
-    format_slope,
-    history_lines,
-    interval_table,
-    limit_text,
-    newest_rows,
-    newest_run_to_run,
-    recalibration_lines,
-    trend_rows,
+from inercal.laboratory.store import (
+    CalibrationEntry,
+    RunEntry,
+    SensorEntry,
+    SensorHistory,
+    history_text,
 )
+from inercal.laboratory.store.history import CoefficientTrend
 from inercal.laboratory.store.noise_history import NoiseEntry, noise_entry_object, noise_trends
 from inercal.laboratory.store.recalibration import Recalibration
 from inercal.physics.sensors import SI_UNITS
@@ -138,43 +128,50 @@ def print_history(history: SensorHistory, *, detailed: bool) -> None:
             ("coefficient", "newest", "± U (k = 2)", "unit", "E_n", "± U of the mean",
              "± U of the next use", "drift per year", "± U", "verdict"),
             [
-                (one.name, *format_point(one, -1), one.unit,
-                 format_en(float(one.normalised_errors[-1])), *format_bands(one),
-                 *format_slope(one), one.verdict)
+                (one.name, *history_text.format_point(one, -1), one.unit,
+                 format_en(float(one.normalised_errors[-1])), *history_text.format_bands(one),
+                 *history_text.format_slope(one), one.verdict)
                 for one in history.trends
             ],
             section=axis_of,
         )  # fmt: skip
-    print_lines(history_lines(history))
+    print_lines(history_text.history_lines(history))
 
 
 def _print_trend(history: SensorHistory, trend: CoefficientTrend) -> None:
     rows: list[tuple[str, ...]] = []
     for k, one in enumerate(trend.points):
         entry, en = history.entries[one], format_en(float(trend.normalised_errors[k]))
-        rows.append((f"#{entry.id}", _date(entry.measured), *format_point(trend, k), en))
+        rows.append(
+            (f"#{entry.id}", _date(entry.measured), *history_text.format_point(trend, k), en)
+        )
     heads = ("number", "measured", f"value, {trend.unit}", "± U (k = 2)", "E_n")
     _print(heads, rows, title=f"{trend.name}, {trend.meaning}")
-    print_line(f"{trend.name}: {trend.verdict}; {drift_text(trend)}")
+    print_line(f"{trend.name}: {trend.verdict}; {history_text.drift_text(trend)}")
 
 
 def print_recalibration(found: Recalibration) -> None:
     """Print the calibration interval for each coefficient in days, and the next date."""
     if found.rows:
-        heads, cells = interval_table(found)
+        heads, cells = history_text.interval_table(found)
         rows = zip(found.rows, cells, strict=True)
         print_table(
             ("coefficient", "limit", *(f">{head}" for head in heads)),
-            [(one.name, limit_text(found, one), *row) for one, row in rows],
+            [(one.name, history_text.limit_text(found, one), *row) for one, row in rows],
         )
-    print_lines(recalibration_lines(found))
+    print_lines(history_text.recalibration_lines(found))
 
 
 def print_newest_noise(entries: Sequence[NoiseEntry]) -> None:
     """Print the newest value of each noise coefficient, with its date and U."""
     if entries:
-        rows = newest_rows(noise_trends(tuple(entries)))
-        print_table(number_heads(NEWEST_HEADS, _NOISE_NUMBERS), rows, title="noise", section=str)
+        rows = history_text.newest_rows(noise_trends(tuple(entries)))
+        print_table(
+            number_heads(history_text.NEWEST_HEADS, _NOISE_NUMBERS),
+            rows,
+            title="noise",
+            section=str,
+        )
 
 
 def print_noise_history(entries: Sequence[NoiseEntry]) -> None:
@@ -185,8 +182,8 @@ def print_noise_history(entries: Sequence[NoiseEntry]) -> None:
     count = format_count(len(entries), "noise analysis", "noise analyses")
     print_line(f"{count}, {first}" + (f" to {last}" if last != first else ""))
     trends = noise_trends(tuple(entries))
-    print_table(number_heads(HEADS, _NOISE_NUMBERS), trend_rows(trends))
-    print_lines(change_lines(trends))
+    print_table(number_heads(history_text.HEADS, _NOISE_NUMBERS), history_text.trend_rows(trends))
+    print_lines(history_text.change_lines(trends))
 
 
 def _bench_text(kind: str, name: str) -> str:
@@ -238,7 +235,7 @@ def history_object(history: SensorHistory) -> dict[str, Any]:
             for entry, joint in steps
         ],
         "coefficients": [_trend_object(history, trend) for trend in history.trends],
-        "run_to_run": run_to_run_object(newest_run_to_run(history)),
+        "run_to_run": run_to_run_object(history_text.newest_run_to_run(history)),
         "beyond": history.exceedances,
         "by_chance": history.expected_exceedances,
         "left_out": list(history.exclusions),

@@ -13,26 +13,15 @@ from typing import TYPE_CHECKING
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import require_extra, require_installed
 from inercal.basics.units import format_value_and_uncertainty
-from inercal.calibration import Calibration
 from inercal.estimation.uncertainty import COVERAGE
-from inercal.physics.sensors import Sensor
 from inercal.pipeline import Outcome
-from inercal.pipeline.outcome import InspectedRecording
-from inercal.recordings import Recording
 
 if TYPE_CHECKING:  # imported when needed: reports need no register, and few need noise
     from matplotlib.axes import Axes
 
-    from inercal.calibration.prediction import Prediction
-    from inercal.laboratory.check_standard import ControlCharts
-    from inercal.laboratory.check_standard.bench_charts import BenchCharts
-    from inercal.laboratory.store import CalibrationEntry, NoiseEntry, SensorEntry, SensorHistory
+    from inercal.laboratory.store import NoiseEntry, SensorEntry, SensorHistory
     from inercal.laboratory.store.recalibration import Recalibration
-    from inercal.noise import NoiseAnalysis
-    from inercal.noise.data_sheet import DataSheetNoise
-    from inercal.pipeline.budget import Budget
     from inercal.pipeline.design.worksheet import Worksheet
-    from inercal.pipeline.drafts import Draft
 
 
 def write_report(
@@ -63,7 +52,7 @@ def write_report(
     InputError
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
-    with _extras():
+    with report_packages():
         _leave_out_documentation()
         from inercal.report.calibration_page import calibration_page
     return write_text(path, calibration_page(outcome, truth, history, for_customer=for_customer))
@@ -83,7 +72,7 @@ def plot_residuals(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
     InputError
         matplotlib is missing, or the method has residuals for the whole recording and not for rows.
     """
-    with _extras():
+    with report_packages():
         from inercal.report.figures import residual_axes
     return residual_axes(outcome, axes)
 
@@ -102,32 +91,9 @@ def plot_coverage(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
     InputError
         matplotlib is missing, or the method does not determine attitudes.
     """
-    with _extras():
+    with report_packages():
         from inercal.report.figures import coverage_axes
     return coverage_axes(outcome, axes)
-
-
-def write_refusal(seen: InspectedRecording, sensor: Sensor, message: str, path: str | Path) -> Path:
-    """Write the page about a recording that could not be calibrated, and return its path.
-
-    The file is written completely or not at all.
-
-    Parameters
-    ----------
-    seen : InspectedRecording
-    sensor : Sensor
-    message : str
-        Reason why no calibration was made.
-    path : path
-
-    Raises
-    ------
-    InputError
-        matplotlib or jinja2 is missing, or the file cannot be written.
-    """
-    with _extras():
-        from inercal.report.recording_pages import refusal_page
-    return write_text(path, refusal_page(seen, sensor, message))
 
 
 def write_history(
@@ -166,7 +132,7 @@ def noise_history_page(sensor: "SensorEntry", noise: "Sequence[NoiseEntry]") -> 
     InputError
         matplotlib or jinja2 is missing.
     """
-    with _extras():
+    with report_packages():
         from inercal.report.sensor_history_page import noise_history_page as noise_page
     return noise_page(sensor, noise)
 
@@ -183,154 +149,9 @@ def history_page(
     InputError
         matplotlib or jinja2 is missing.
     """
-    with _extras():
+    with report_packages():
         from inercal.report.sensor_history_page import sensor_history_page
     return sensor_history_page(history, next_one, noise)
-
-
-def write_control(
-    charts: "ControlCharts", path: str | Path, doubtful: "Sequence[CalibrationEntry] | None" = None
-) -> Path:
-    """Write the page with a check standard's control charts, and return its path.
-
-    The file is written completely or not at all.
-
-    Parameters
-    ----------
-    charts : ControlCharts
-    path : path
-    doubtful : sequence of CalibrationEntry, optional
-        Calibrations in the register that were made while the bench was doubtful.
-
-    Raises
-    ------
-    InputError
-        matplotlib or jinja2 is missing, or the file cannot be written.
-    """
-    with _extras():
-        from inercal.report.control_page import control_page
-    return write_text(path, control_page(charts, doubtful))
-
-
-def write_bench_control(
-    charts: "BenchCharts", path: str | Path, doubtful: "Sequence[CalibrationEntry]" = ()
-) -> Path:
-    """Write the page with a bench's control charts, and return its path.
-
-    The file is written completely or not at all.
-
-    Parameters
-    ----------
-    charts : BenchCharts
-    path : path
-    doubtful : sequence of CalibrationEntry
-        Calibrations in the register that were made while the bench was doubtful.
-
-    Raises
-    ------
-    InputError
-        matplotlib or jinja2 is missing, or the file cannot be written.
-    """
-    with _extras():
-        from inercal.report.control_page import bench_control_page
-    return write_text(path, bench_control_page(charts, doubtful))
-
-
-def write_draft(draft: "Draft", path: str | Path) -> Path:
-    """Write the page about a drafted run file, and return its path.
-
-    The file is written completely or not at all.
-
-    Parameters
-    ----------
-    draft : Draft
-    path : path
-
-    Raises
-    ------
-    InputError
-        matplotlib or jinja2 is missing, or the file cannot be written.
-    """
-    with _extras():
-        from inercal.report.recording_pages import draft_page
-    return write_text(path, draft_page(draft))
-
-
-def write_noise(
-    analysis: "NoiseAnalysis",
-    recording: Recording,
-    path: str | Path,
-    sheet: "DataSheetNoise | None" = None,
-) -> Path:
-    """Write the page with a noise analysis, and return its path.
-
-    The file is written completely or not at all.
-
-    Parameters
-    ----------
-    analysis : NoiseAnalysis
-    recording : Recording
-        The analysed recording, in SI units.
-    path : path
-    sheet : DataSheetNoise, optional
-        A data sheet to compare with the coefficients.
-
-    Raises
-    ------
-    InputError
-        matplotlib or jinja2 is missing, or the file cannot be written.
-    """
-    with _extras():
-        from inercal.report.noise_page import noise_page
-    return write_text(path, noise_page(analysis, recording, sheet))
-
-
-def write_budget(budget: "Budget", path: str | Path, under: str = "") -> Path:
-    """Write the page with an error budget, and return its path.
-
-    The file is written completely or not at all.
-
-    Parameters
-    ----------
-    budget : Budget
-    path : path
-    under : str, optional
-        Text printed under the sensor's name: the method and its estimator.
-
-    Raises
-    ------
-    InputError
-        matplotlib or jinja2 is missing, or the file cannot be written.
-    """
-    with _extras():
-        from inercal.report.budget_page import budget_page
-    return write_text(path, budget_page(budget, under))
-
-
-def write_prediction(
-    calibration: Calibration, found: "Prediction", name: str, path: str | Path
-) -> Path:
-    """Write the page about operating points of which one part varies, and return its path.
-
-    The file is written completely or not at all.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    found : Prediction
-        Its prediction for the points, in ascending or descending order of the part that varies.
-    name : str
-        The part that varies: "fx", …, "wz" or "T".
-    path : path
-
-    Raises
-    ------
-    InputError
-        matplotlib or jinja2 is missing, or the file cannot be written.
-    """
-    with _extras():
-        from inercal.report.budget_page import prediction_page
-    return write_text(path, prediction_page(calibration, found, name))
 
 
 def write_worksheet(sheet: "Worksheet", path: str | Path, table: str) -> Path:
@@ -350,7 +171,7 @@ def write_worksheet(sheet: "Worksheet", path: str | Path, table: str) -> Path:
     InputError
         jinja2 is missing, or the file cannot be written.
     """
-    with _extras():
+    with report_packages():
         from inercal.report.templates import render
     known = [
         (one.name, one.meaning, format_value_and_uncertainty(0.0, COVERAGE * one.std / one.size)[1],
@@ -376,7 +197,8 @@ _MOST_SHEET_ROWS = 24  # largest group that fits on one sheet of paper
 _EXTRA = ("report", "reports need matplotlib and jinja2", ("matplotlib", "jinja2", "markupsafe"))
 
 
-def _extras() -> AbstractContextManager[None]:
+def report_packages() -> AbstractContextManager[None]:
+    """Return a context for the import of a page, which names the extra if a package is missing."""
     return require_extra(*_EXTRA)
 
 

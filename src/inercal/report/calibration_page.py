@@ -21,8 +21,6 @@ from inercal.calibration.suspect_text import p_value_text
 from inercal.methods.observability import NOISE_ONLY_NOTE
 from inercal.physics.plan import Hold, Rotation, Spin, Step, Turn
 from inercal.pipeline import Outcome
-from inercal.report import report_tables, traces
-from inercal.report.drawing import draw_plot
 from inercal.report.figures import correlations, departures, residuals
 from inercal.report.templates import render
 
@@ -45,8 +43,7 @@ from inercal.calibration.display import TemperatureCurve, temperature_curves
 from inercal.estimation.uncertainty import COVERAGE
 from inercal.pipeline.temperature_fit import SoakLeftOut
 from inercal.pipeline.temperature_orders import OrderTest
-from inercal.report import drawing
-from inercal.report.report_tables import typeset_minus
+from inercal.report import drawing, report_tables, traces
 
 
 def calibration_page(
@@ -111,7 +108,9 @@ def calibration_page(
         candidate_count=report_tables.candidate_count(outcome),
         whole=traces.uses_whole_recording(outcome),
         words=words,
-        plots=[(one.text, draw_plot(one)) for one in (*kind.plots(outcome), *outcome.plots)],
+        plots=[
+            (one.text, drawing.draw_plot(one)) for one in (*kind.plots(outcome), *outcome.plots)
+        ],
         over_time=None if register is None else _history_section(register),
         **_filter_figures(outcome, truth),
         spheres=(traces.sphere(found, 1), traces.sphere(found, -1)) if found else (),
@@ -288,7 +287,7 @@ def temperature_section(outcome: Outcome) -> TemperatureSection | None:
     tests = () if found is None else tuple(sorted(found.tests, key=lambda one: one.excess))
     return TemperatureSection(
         curve_figure(temperature_curves(calibration, course), course),
-        tuple(typeset_minus(f"{t - ZERO_CELSIUS:.1f} °C") for t in kelvin.tolist()),
+        tuple(report_tables.typeset_minus(f"{t - ZERO_CELSIUS:.1f} °C") for t in kelvin.tolist()),
         _temperature_rows(temperature_curves(calibration, kelvin)),
         tests[:_BEST_ORDERS],
         () if found is None else found.left_out,
@@ -301,7 +300,7 @@ def _temperature_rows(curves: Sequence[TemperatureCurve]) -> list[tuple[str, str
         cells: list[str] = []
         for value, std in zip(one.value.tolist(), one.std.tolist(), strict=True):
             shown, expanded = format_value_and_uncertainty(value / one.si, COVERAGE * std / one.si)
-            cells.append(f"{typeset_minus(shown)} ± {expanded}")
+            cells.append(f"{report_tables.typeset_minus(shown)} ± {expanded}")
         change = "" if one.complete else ", change from the reference temperature"
         rows.append((one.name, one.meaning + change, one.unit, cells))
     return rows

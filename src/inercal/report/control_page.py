@@ -3,6 +3,7 @@
 # pyright: reportUnknownMemberType=false
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -28,29 +29,51 @@ _LASTING_WORDS: dict[LastingKind, tuple[str, str]] = {
 }
 
 
-def control_page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | None = None) -> str:
+def charts_page(
+    found: ControlCharts | BenchCharts, doubtful: Sequence[CalibrationEntry] | None = None
+) -> str:
     """Return the whole page as HTML.
 
     Parameters
     ----------
-    found : ControlCharts
+    found : ControlCharts or BenchCharts
     doubtful : sequence of CalibrationEntry, optional
         Calibrations in the register that were made while the bench was doubtful.
     """
-    lines = [sentence(line) for line in chart_texts.control_lines(found)]
+    if isinstance(found, BenchCharts):
+        template, values, lines = (
+            "bench_control.html",
+            _bench(found),
+            chart_texts.bench_lines(found),
+        )
+    else:
+        template, values, lines = "control.html", _standard(found), chart_texts.control_lines(found)
+    summary, *more = map(sentence, lines)
     return render(
-        "control.html",
-        sensor=found.matched.sensor.name,
-        reference=found.reference_days,
-        until=chart_texts.day(found.reference_end),
-        days=len(found.points),
-        lasting=_LASTING_WORDS[found.limits.lasting_kind],
+        template,
+        **values,
         tone="good" if not found.episodes else "care" if found.in_control else "bad",
-        summary=lines[0],
-        lines=lines[1:],
-        joint=_joint_figure(found) if found.points else "",
-        figures=_axis_figures(found) if found.points else [],
-        signals=[
+        summary=summary,
+        lines=more,
+        doubtful=doubtful,
+        doubtful_rows=[
+            (f"#{one.id}", one.sensor, chart_texts.day(one.measured), one.method)
+            for one in doubtful or ()
+        ],
+    )
+
+
+def _standard(found: ControlCharts) -> dict[str, Any]:
+    """Return the values for the page of a check standard."""
+    return {
+        "sensor": found.matched.sensor.name,
+        "reference": found.reference_days,
+        "until": chart_texts.day(found.reference_end),
+        "days": len(found.points),
+        "lasting": _LASTING_WORDS[found.limits.lasting_kind],
+        "joint": _joint_figure(found) if found.points else "",
+        "figures": _axis_figures(found) if found.points else [],
+        "signals": [
             (
                 chart_texts.day(one.last),
                 typeset_minus(f"{found.values.t2[t]:.1f}"),
@@ -61,16 +84,7 @@ def control_page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | No
             for t, one in enumerate(found.points)
             if not one.in_control
         ],
-        doubtful=doubtful,
-        doubtful_rows=_doubtful_rows(doubtful or ()),
-    )  # fmt: skip
-
-
-def _doubtful_rows(entries: Sequence[CalibrationEntry]) -> list[tuple[str, str, str, str]]:
-    """Return the table rows for the section about doubtful calibrations."""
-    return [
-        (f"#{one.id}", one.sensor, chart_texts.day(one.measured), one.method) for one in entries
-    ]
+    }  # fmt: skip
 
 
 def _times(found: ControlCharts) -> Array:
@@ -117,31 +131,20 @@ def _axis_figure(found: ControlCharts, places: list[int], name: str) -> Markup:
     return svg(figure, name, f"Shewhart and {found.limits.lasting_kind} charts of {names}")
 
 
-def bench_control_page(found: BenchCharts, doubtful: Sequence[CalibrationEntry] = ()) -> str:
-    """Return the whole page as HTML.
-
-    Parameters
-    ----------
-    found : BenchCharts
-    doubtful : sequence of CalibrationEntry
-        Calibrations in the register that were made while the bench was doubtful.
-    """
-    lines = [sentence(line) for line in chart_texts.bench_lines(found)]
-    return render(
-        "bench_control.html",
-        bench=found.bench,
-        runs=len(found.runs),
-        first=chart_texts.day(found.runs[0].measured),
-        last=chart_texts.day(found.runs[-1].measured),
-        tone="good" if not found.episodes else "care" if found.in_control else "bad",
-        summary=lines[0],
-        lines=lines[1:],
-        figure=_bench_figure(found),
-        lasting=_LASTING_WORDS[found.lasting_kind],
-        parameters=[tuple(map(typeset_minus, row)) for row in chart_texts.newest_statistics(found)],
-        signals=chart_texts.day_signals(found),
-        doubtful_rows=_doubtful_rows(doubtful),
-    )
+def _bench(found: BenchCharts) -> dict[str, Any]:
+    """Return the values for the page of a bench."""
+    return {
+        "bench": found.bench,
+        "runs": len(found.runs),
+        "first": chart_texts.day(found.runs[0].measured),
+        "last": chart_texts.day(found.runs[-1].measured),
+        "figure": _bench_figure(found),
+        "lasting": _LASTING_WORDS[found.lasting_kind],
+        "parameters": [
+            tuple(map(typeset_minus, row)) for row in chart_texts.newest_statistics(found)
+        ],
+        "signals": chart_texts.day_signals(found),
+    }
 
 
 @drawing.style

@@ -9,9 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
-
-# matplotlib's stubs leave **kwargs untyped.
-# pyright: reportUnknownMemberType=false
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -25,7 +22,6 @@ from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.pipeline import Outcome
 from inercal.report import drawing
-from inercal.report import drawing as draw
 
 SENSOR_KINDS = {
     kind: (one.sensors.capitalize(), one.bias_unit, BIAS_UNITS[kind][0])
@@ -51,7 +47,7 @@ _GROUP_UNITS = {
 _FINE_ANGLE = ("″", np.pi / 648_000)  # for angles below 1 mrad
 _COMPONENTS = {1: ("norm",), 2: ("across 1", "across 2"), 3: ("x", "y", "z")}
 _LEVEL_AXES = ("east", "north", "up")
-_MARKERS = (*draw.SHAPES, "D", "v", "<", ">")
+_MARKERS = (*drawing.SHAPES, "D", "v", "<", ">")
 _MAX_NUMBERED = 14  # largest number of coefficients for which cells have room for numbers
 
 
@@ -98,7 +94,7 @@ def _residual_panels(seen: "_ResidualTable", kind: str, name: str, *, half: bool
     upper.set(title=title, ylabel="standard deviations")
     lower.set_ylabel(unit)
     drawing.add_legend(upper)
-    return draw.svg(figure, name, f"Residuals of {title}, by position and turn")
+    return drawing.svg(figure, name, f"Residuals of {title}, by position and turn")
 
 
 class _ResidualTable(NamedTuple):
@@ -178,7 +174,7 @@ def _group_residual_figure(outcome: Outcome) -> Markup:
         left.set_title(group.name)
         if len(parts) > 1:
             drawing.add_legend(right)  # on the left, because the title may be long
-    return draw.svg(figure, "residuals", "Residuals of each kind of observation, by step")
+    return drawing.svg(figure, "residuals", "Residuals of each kind of observation, by step")
 
 
 @drawing.style
@@ -205,13 +201,13 @@ def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
     families = list(dict.fromkeys(name.rstrip("12") for name in names))
     for k, name in enumerate(names):
         shape = _MARKERS[families.index(name.rstrip("12")) % len(_MARKERS)]
-        colour = {"1": draw.X, "2": draw.Y}.get(name[-1], draw.Z)
-        axes.plot(place[:, k], table[:, k], shape, ms=4.5, mfc=colour, mec=draw.PAPER, mew=0.4,
+        colour = {"1": drawing.X, "2": drawing.Y}.get(name[-1], drawing.Z)
+        axes.plot(place[:, k], table[:, k], shape, ms=4.5, mfc=colour, mec=drawing.PAPER, mew=0.4,
                   ls="none", label=name)  # fmt: skip
     drawing.name_positions(axes, list(pulls), worst=rows_beyond_band(table))
     axes.set_ylabel("standard deviations")
     drawing.add_legend(axes)
-    return draw.svg(figure, "departures", "Estimated minus stated errors of the bench")
+    return drawing.svg(figure, "departures", "Estimated minus stated errors of the bench")
 
 
 def rows_beyond_band(values: Array) -> list[int]:
@@ -228,19 +224,20 @@ def draw_dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) ->
     if band:
         _draw_band(axes, values)
     else:
-        axes.axhline(0, color=draw.FAINT, lw=0.8, zorder=0)
+        axes.axhline(0, color=drawing.FAINT, lw=0.8, zorder=0)
         axes.margins(y=0.15)
     shift = 0.18 * (np.arange(len(names)) - (len(names) - 1) / 2)
     for k, name in enumerate(names):
-        axes.plot(np.arange(len(values)) + shift[k], values[:, k], draw.SHAPES[k % 3], ms=4.5,
-                  mfc=draw.AXES[k % 3], mec=draw.PAPER, mew=0.4, ls="none", label=name)  # fmt: skip
+        axes.plot(np.arange(len(values)) + shift[k], values[:, k], drawing.SHAPES[k % 3],
+                  ms=4.5, mfc=drawing.AXES[k % 3], mec=drawing.PAPER, mew=0.4, ls="none",
+                  label=name)  # fmt: skip
 
 
 def _draw_band(axes: Axes, values: Array) -> None:
     """Draw the ±2 band, and choose a scale that shows both the band and the values."""
     reach = 1.25 * max(BAND_LIMIT * 1.25, float(np.nanmax(np.abs(values), initial=0.0)))
-    axes.axhspan(-BAND_LIMIT, BAND_LIMIT, color=draw.BAND, lw=0, zorder=0)
-    axes.axhline(0, color=draw.FAINT, lw=0.8, zorder=0)
+    axes.axhspan(-BAND_LIMIT, BAND_LIMIT, color=drawing.BAND, lw=0, zorder=0)
+    axes.axhline(0, color=drawing.FAINT, lw=0.8, zorder=0)
     axes.set_ylim(-reach, reach)
 
 
@@ -264,8 +261,8 @@ def correlations(estimate: Estimate) -> Markup:
         if p <= _MAX_NUMBERED and abs(r) >= 0.05:
             axes.text(column, row, f"{r:.2f}".replace("-", "−").replace("0.", "."),
                       ha="center", va="center", fontsize=6,
-                      color=draw.PAPER if abs(r) > 0.6 else draw.INK)  # fmt: skip
-    axes.plot(range(p), range(p), "o", ms=2, color=draw.FAINT)
+                      color=drawing.PAPER if abs(r) > 0.6 else drawing.INK)  # fmt: skip
+    axes.plot(range(p), range(p), "o", ms=2, color=drawing.FAINT)
     for k, name in enumerate(names):
         axes.text(k, p - 0.3, name, rotation=90, ha="center", va="top", fontsize=7)
         axes.text(-0.7, k, name, ha="right", va="center", fontsize=7)
@@ -273,10 +270,10 @@ def correlations(estimate: Estimate) -> Markup:
     for k in range(1, p):
         if owners[k] != owners[k - 1]:
             axes.plot(
-                [-0.5, k - 0.5, k - 0.5], [k - 0.5, k - 0.5, p - 0.5], color=draw.FAINT, lw=0.6
+                [-0.5, k - 0.5, k - 0.5], [k - 0.5, k - 0.5, p - 0.5], color=drawing.FAINT, lw=0.6
             )
     _draw_colour_scale(axes)
-    return draw.svg(figure, "correlations", "Correlation coefficients of the coefficients")
+    return drawing.svg(figure, "correlations", "Correlation coefficients of the coefficients")
 
 
 def _draw_colour_scale(axes: Axes) -> None:
@@ -293,10 +290,10 @@ def _draw_colour_scale(axes: Axes) -> None:
 def _draw_squares(axes: Axes, cells: Sequence[tuple[int, int]], strengths: Sequence[float]) -> None:
     """Colour the cells by their correlations; cells without a correlation stay transparent."""
     square = 0.46 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    shades = [(draw.PLUS if r > 0 else draw.MINUS, min(abs(r), 1.0)) for r in strengths]
+    shades = [(drawing.PLUS if r > 0 else drawing.MINUS, min(abs(r), 1.0)) for r in strengths]
     corners = [square + cell for cell in cells]
     axes.add_collection(
-        PolyCollection(corners, facecolors=shades, edgecolors=draw.BAND, linewidths=0.3)
+        PolyCollection(corners, facecolors=shades, edgecolors=drawing.BAND, linewidths=0.3)
     )
 
 
@@ -318,9 +315,9 @@ def residual_axes(outcome: Outcome, axes: Axes | None) -> Axes:
     for labels, parts, values in residual_tables(outcome):
         rows = np.arange(len(names), len(names) + len(labels))
         for k, part in enumerate(parts):
-            axes.plot(rows, values[:, k], draw.SHAPES[k % len(draw.SHAPES)], ms=4, label=part)
+            axes.plot(rows, values[:, k], drawing.SHAPES[k % len(drawing.SHAPES)], ms=4, label=part)
         names += labels
-    every = -(-len(names) // draw.MAX_NAMES)
+    every = -(-len(names) // drawing.MAX_NAMES)
     axes.set_xticks(range(0, len(names), every), names[::every], rotation=90)
     axes.set_ylabel("residual, standard deviations")
     axes.set_title(f"{outcome.calibration.sensor.name}: about 95 % lie within the ±2 band")

@@ -69,8 +69,7 @@ def reproduce(
         )
     if trials < _MIN_TRIALS:
         raise InputError(
-            f"{trials} trials are too few for a verdict; give {_MIN_TRIALS} or more",
-            key="--trials",
+            f"{trials} trials are too few for a verdict; give {_MIN_TRIALS} or more", key="--trials"
         )
     if seed < 0:
         raise InputError(f"seed is {seed}; give a whole number, 0 or more", key="--seed")

@@ -131,14 +131,8 @@ class ClaimResult:
         if self.deviation == 0 and self.claim.relation != "=":
             text += ", as claimed"
         elif self.uncertainty > 0:
-            apart = (
-                "more than 1000" if self.deviation > 1000 else format_significant(self.deviation)
-            )
-            text += (
-                f", {apart} u apart"
-                if self.deviation > LIMIT
-                else f", within {format_significant(LIMIT)} u"
-            )
+            apart = "more than 1000" if self.deviation > 1000 else shown(self.deviation)
+            text += f", {apart} u apart" if self.deviation > LIMIT else f", within {shown(LIMIT)} u"
         return f"{text}: {self.reason}."
 
     @property
@@ -150,7 +144,7 @@ class ClaimResult:
     def expected_text(self) -> str:
         """Return the number that the claim requires, as text with its relation."""
         relation = "" if self.claim.relation == "=" else f"{self.claim.relation} "
-        return relation + format_significant(self.claim.expected, self.claim.digits)
+        return relation + shown(self.claim.expected, self.claim.digits)
 
     @property
     def computed_text(self) -> str:
@@ -158,7 +152,7 @@ class ClaimResult:
         digits = 4
         if isfinite(self.computed) and self.computed and 0 < self.uncertainty < inf:
             digits = 2 + max(ceil(log10(abs(self.computed) / self.uncertainty)), 0)
-        return format_significant(self.computed, min(digits, max(self.claim.digits, 3)))
+        return shown(self.computed, min(digits, max(self.claim.digits, 3)))
 
 
 def normalized_deviation(
@@ -193,12 +187,12 @@ _PLAIN_MIN, _PLAIN_MAX, _PLAIN_DIGITS = 1e-2, 1e4, 9
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def format_significant(x: float, digits: int = 2) -> str:
+def shown(x: float, digits: int = 2) -> str:
     """Format a number with a given number of significant digits.
 
     Examples
     --------
-    >>> [format_significant(x) for x in (-3.14159e-7, 21.0, 1234.5, 22634.0, 1e-8)]
+    >>> [shown(x) for x in (-3.14159e-7, 21.0, 1234.5, 22634.0, 1e-8)]
     ['−3.1·10⁻⁷', '21', '1200', '2.3·10⁴', '10⁻⁸']
     """
     if not isfinite(x):
@@ -224,8 +218,8 @@ class Rms(NamedTuple):
 
 
 def format_all(values: Iterable[float | Rms], digits: int = 2) -> list[str]:
-    """Format numbers with `format_significant`; means are given without their errors."""
-    return [format_significant(x.value if isinstance(x, Rms) else x, digits) for x in values]
+    """Format numbers with `shown`; means are given without their errors."""
+    return [shown(x.value if isinstance(x, Rms) else x, digits) for x in values]
 
 
 def rms(errors: Array, ddof: int = 0) -> Rms:

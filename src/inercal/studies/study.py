@@ -159,16 +159,16 @@ class SectionText:
         """Judge the claim with this key; see `inercal.studies.claim.judge_claim`."""
         return judge_claim(self.claims[claim], computed, uncertainty, reason)
 
-    def section(
-        self,
-        findings: Sequence[ClaimResult] = (),
-        tables: Sequence[StudyTable] = (),
-        charts: Sequence[Chart] = (),
-        **figures: object,
-    ) -> StudySection:
-        """Return the section, with numbers in place of their names in the text."""
-        text = [paragraph.format(**figures) for paragraph in self.text]
-        return StudySection(self.name, self.title, text, findings, tables, charts)
+    def section(self, *parts: ClaimResult | StudyTable | Chart, **figures: object) -> StudySection:
+        """Return the section with these parts, and with numbers for their names in the text."""
+        return StudySection(
+            self.name,
+            self.title,
+            [paragraph.format(**figures) for paragraph in self.text],
+            [one for one in parts if isinstance(one, ClaimResult)],
+            [one for one in parts if isinstance(one, StudyTable)],
+            [one for one in parts if isinstance(one, Chart)],
+        )
 
 
 def read_section_text(package: str, name: str) -> SectionText:

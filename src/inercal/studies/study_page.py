@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from inercal.report import drawing
 from inercal.report.drawing import FAINT, INK, PAPER, SHAPES, WARN, X, Y, Z, svg
 from inercal.report.templates import render
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import shown
 from inercal.studies.study import Chart, Study, StudyPanel
 
 TONES = {"reproduced": "good", "not reproducible": "care", "false": "bad"}
@@ -31,7 +31,7 @@ def render_study(study: Study) -> str:
         counts=[(verdict, counted[verdict], TONES[verdict]) for verdict in TONES],
         tones=TONES,
         draw=draw_chart,
-        shown=format_significant,
+        shown=shown,
     )
 
 
@@ -50,7 +50,7 @@ def draw_chart(chart: Chart) -> Markup:
 
 
 def _format_power(y: float, _: int | None) -> str:
-    return format_significant(y, 1)
+    return shown(y, 1)
 
 
 def _plot_panel(axes: Axes, panel: StudyPanel) -> None:

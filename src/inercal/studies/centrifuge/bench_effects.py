@@ -24,7 +24,7 @@ from inercal.studies.centrifuge.simulated_centrifuge import (
     outputs,
     steps,
 )
-from inercal.studies.claim import Claim, format_all, format_significant, judge_claim
+from inercal.studies.claim import Claim, format_all, judge_claim, shown
 from inercal.studies.study import StudySection, StudyTable, read_section_text
 
 TEXT = read_section_text("inercal.studies.centrifuge", "bench")
@@ -142,9 +142,8 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
                   UNITS[q], kind="result", last_digit=_last_digit(PRINTED_ERRORS[i, k])),
             abs(lever.paper[i, k]), abs(clean[i, k]),
             "u is the error of the formulas without any arm; ml with nine parameters has an error "
-            "of "
-            f"{format_significant(lever.ml[i, k])}, and of {lever.arrangements} arrangements of a "
-            f"single arm the smallest error is {format_significant(lever.least[i, k])}",
+            f"of {shown(lever.ml[i, k])}, and of {lever.arrangements} arrangements of "
+            f"a single arm the smallest error is {shown(lever.least[i, k])}",
         )
         for i, q in reversed(list(enumerate(QUANTITIES)))
         for k, axis in enumerate(AXES)
@@ -154,13 +153,13 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
         findings.append(
             TEXT.judge(f"small_{q}", worst, np.abs(clean[i]).max(),
                 f"the largest error of the three axes from (16) to (22); from ml "
-                f"{format_significant(np.abs(lever.ml[i]).max())}")
+                f"{shown(np.abs(lever.ml[i]).max())}")
         )  # fmt: skip
     rows = {
         "lever arms of B and C ignored: paper": lever.paper,
         "lever arms of B and C ignored: ml": lever.ml,
         "earth's rate at 39° ignored: ml "
-        f"({format_significant(simulated_centrifuge.earth_rate_ratio())} of ω₁)": turning,
+        f"({shown(simulated_centrifuge.earth_rate_ratio())} of ω₁)": turning,
         "acceleration 10⁻⁵ larger than assumed: ml": shared,
         "10⁻⁵ S and 10⁻⁵ D for comparison": ACCELERATION_ERROR
         * TRUTH.values
@@ -169,19 +168,16 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
         "the same, divided by the bound from noise only": own / bound,
     }
     return TEXT.section(
-        findings,
-        (
-            StudyTable("Errors of S (V/g), b (g) and D (1/g)", "",
-                  [f"{q}_a{axis}" for q in QUANTITIES for axis in AXES],
-                  [(name, format_all(value.ravel()))
-                   for name, value in rows.items()]),
-        ),
+        *findings,
+        StudyTable("Errors of S (V/g), b (g) and D (1/g)", "",
+              [f"{q}_a{axis}" for q in QUANTITIES for axis in AXES],
+              [(name, format_all(value.ravel())) for name, value in rows.items()]),
         arrangements=lever.arrangements,
-        finest=format_significant(lever.std.min() * 1e6),
-        coarsest=format_significant(lever.std.max() * 1e6),
-        left=format_significant(lever.left),
-        least=format_significant((own / bound).min()),
-        most=format_significant((own / bound).max()),
+        finest=shown(lever.std.min() * 1e6),
+        coarsest=shown(lever.std.max() * 1e6),
+        left=shown(lever.left),
+        least=shown((own / bound).min()),
+        most=shown((own / bound).max()),
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from inercal.methods.centrifuge_norm import RATES, closed_formulas
 from inercal.physics.plan import Spin
 from inercal.studies import study
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
-from inercal.studies.claim import format_all, format_significant
+from inercal.studies.claim import format_all, shown
 
 TEXT = study.read_section_text("inercal.studies.centrifuge", "efficiency")
 
@@ -84,31 +84,26 @@ def section(trials: simulated.CentrifugeTrials) -> study.StudySection:
     best = trials.bound / round_
     chi2, n = trials.chi2, len(trials.chi2)
     return TEXT.section(
-        findings,
-        (
-            study.StudyTable("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
-                  [(name, format_all(value.ravel(), 3))
-                   for name, value in sets.items()]),
-            study.StudyTable("How well the plans determine the 13 terms of (13)", "plan",
-                  ("dwells", "rank", "scaled\ncondition number", "worst\nseparated"),
-                  [(name, [str(len(spins)), str(r),
-                           *((format_significant(c, 3), least_observable_terms(spins))
-                             if r == TERM_COUNT else ("singular", ""))])
-                   for name, (spins, r, c) in ranks.items()]),
-        ),
-        (
-            study.Chart(
-                "efficiency",
-                "Standard deviations divided by the Cramér–Rao bound of the printed design, from "
-                "norms only; 1 is the best that its data allow.",
-                [
-                    study.StudyPanel("", "", "σ / bound",
-                          [study.Curve(name.removesuffix(", scatter").removeprefix("bound: "),
-                                np.arange(9.0), (value / trials.bound).ravel(), connected=False)
-                           for name, value in sets.items() if name != "bound: norms"],
-                          names=heads),
-                ],
-            ),
+        *findings,
+        study.StudyTable("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
+              [(name, format_all(value.ravel(), 3)) for name, value in sets.items()]),
+        study.StudyTable("How well the plans determine the 13 terms of (13)", "plan",
+              ("dwells", "rank", "scaled\ncondition number", "worst\nseparated"),
+              [(name, [str(len(spins)), str(r),
+                       *((shown(c, 3), least_observable_terms(spins))
+                         if r == TERM_COUNT else ("singular", ""))])
+               for name, (spins, r, c) in ranks.items()]),
+        study.Chart(
+            "efficiency",
+            "Standard deviations divided by the Cramér–Rao bound of the printed design, from "
+            "norms only; 1 is the best that its data allow.",
+            [
+                study.StudyPanel("", "", "σ / bound",
+                      [study.Curve(name.removesuffix(", scatter").removeprefix("bound: "),
+                            np.arange(9.0), (value / trials.bound).ravel(), connected=False)
+                       for name, value in sets.items() if name != "bound: norms"],
+                      names=heads),
+            ],
         ),
         low=ratio.min(),
         high=ratio.max(),
@@ -116,8 +111,8 @@ def section(trials: simulated.CentrifugeTrials) -> study.StudySection:
         expected=2 / np.sqrt(2 * n),
         chi2=chi2.mean(),
         dof=trials.dof,
-        least_worse=format_significant(float((trials.std('paper') / trials.bound)[2].min())),
-        most_worse=format_significant(float((trials.std('paper') / trials.bound)[2].max())),
+        least_worse=shown(float((trials.std('paper') / trials.bound)[2].min())),
+        most_worse=shown(float((trials.std('paper') / trials.bound)[2].max())),
         better_scale=best[0, 1],
         better_bend=best[2, 1]
     )  # fmt: skip

@@ -17,7 +17,7 @@ from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import RATES, closed_formulas
 from inercal.studies import study
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
-from inercal.studies.claim import Claim, ClaimResult, format_significant, judge_claim
+from inercal.studies.claim import Claim, ClaimResult, judge_claim, shown
 
 TAYLOR_TEXT = study.read_section_text("inercal.studies.centrifuge", "taylor")
 
@@ -100,47 +100,44 @@ def taylor_section() -> study.StudySection:
     bend = float(simulated.TRUTH.bend.max())
     findings = (
         TAYLOR_TEXT.judge("error", worst[2], 0.0,
-            f"the largest error in the design is 2D²f³ = {format_significant(worst[2])} g; the "
-            "third "
-            f"order leaves {format_significant(worst[3])} g"),
+            f"the largest error in the design is 2D²f³ = {shown(worst[2])} g; the "
+            f"third order leaves {shown(worst[3])} g"),
         # Judged in powers of ten: "of the order of" is true within half a power.
         TAYLOR_TEXT.judge("size", np.log10(fourth), 0.0,
-            f"the largest value in the design is {format_significant(fourth)} g²"),
+            f"the largest value in the design is {shown(fourth)} g²"),
     )  # fmt: skip
     rows = [
         (
             "exact" if n is None else f"order {n}",
             [
-                "0" if n is None else format_significant(worst[n]),
-                *(format_significant(x) if abs(x) > 1e-14 else "0" for x in shift[n].ravel()),
+                "0" if n is None else shown(worst[n]),
+                *(shown(x) if abs(x) > 1e-14 else "0" for x in shift[n].ravel()),
             ],
         )
         for n in (*ORDERS, None)
     ]
     heads = [f"Δ{q}_a{axis}" for q in "SbD" for axis in "xyz"]
     return TAYLOR_TEXT.section(
-        findings,
-        (study.StudyTable("Errors by order: force (g), S (V/g), b (g) and D (1/g)", "",
-               ("f", *heads), rows),),
-        (
-            study.Chart(
-                "taylor",
-                "Error of the force by order at D = 5.7·10⁻⁵ 1/g (left), and the largest resulting "
-                "error of S, b and D (right). The source claims less than 10⁻⁴ g for order 2.",
-                (
-                    study.StudyPanel(
-                        "force", "f, g", "error, g",
-                        [study.Curve(f"order {n}", reach,
-                              np.maximum(np.abs(truncation_error(n, reach, np.array(bend))), 1e-12))
-                         for n in ORDERS],
-                    ),
-                    study.StudyPanel(
-                        "coefficients", "", "error",
-                        [study.Curve(q, np.arange(4.0),
-                              np.array([np.abs(shift[n][k]).max() for n in ORDERS]))
-                         for k, q in enumerate("SbD")],
-                        names=[f"order {n}" for n in ORDERS],
-                    ),
+        *findings,
+        study.StudyTable("Errors by order: force (g), S (V/g), b (g) and D (1/g)", "",
+               ("f", *heads), rows),
+        study.Chart(
+            "taylor",
+            "Error of the force by order at D = 5.7·10⁻⁵ 1/g (left), and the largest resulting "
+            "error of S, b and D (right). The source claims less than 10⁻⁴ g for order 2.",
+            (
+                study.StudyPanel(
+                    "force", "f, g", "error, g",
+                    [study.Curve(f"order {n}", reach,
+                          np.maximum(np.abs(truncation_error(n, reach, np.array(bend))), 1e-12))
+                     for n in ORDERS],
+                ),
+                study.StudyPanel(
+                    "coefficients", "", "error",
+                    [study.Curve(q, np.arange(4.0),
+                          np.array([np.abs(shift[n][k]).max() for n in ORDERS]))
+                     for k, q in enumerate("SbD")],
+                    names=[f"order {n}" for n in ORDERS],
                 ),
             ),
         ),
@@ -208,9 +205,8 @@ def misalignment_signs() -> EquationCheck:
     return EquationCheck(
         "(9)", f"the force along {'xyz'[at[1]]}, misaligned by up to 10⁻³ rad", "g",
         float(one[at]), float(other[at]), float(f[at]),
-        f"Δ of {axes} is wrong in print, by up to {format_significant(np.abs(one - f).max())} g; "
-        f"the corrected form has an error of {format_significant(np.abs(other - f).max())} g, of "
-        "second order in γ",
+        f"Δ of {axes} is wrong in print, by up to {shown(np.abs(one - f).max())} g; the corrected "
+        f"form has an error of {shown(np.abs(other - f).max())} g, of second order in γ",
     )  # fmt: skip
 
 
@@ -257,9 +253,9 @@ def root_branch() -> EquationCheck:
     return EquationCheck(
         "(19)", "b_ax from the root with +", "g", float(bias[0]), float(corrected[0]),
         float(true.bias[0]),
-        f"K would be {format_significant(k[0], 7)} instead of "
-        f"{format_significant(true.bend[0] * true.bias[0] / true.scale[0])}, and the biases would "
-        f"be {', '.join(format_significant(x) for x in bias)} g; the root with the minus sign "
+        f"K would be {shown(k[0], 7)} instead of "
+        f"{shown(true.bend[0] * true.bias[0] / true.scale[0])}, and the biases would "
+        f"be {', '.join(shown(x) for x in bias)} g; the root with the minus sign "
         "gives the correct values",
     )  # fmt: skip
 
@@ -286,7 +282,7 @@ def inverted_fraction() -> EquationCheck:
     printed = c2 * (1 + 6 * k + 6 * k**2) / (-2 * c1 * (1 + k) * (1 + 2 * k))
     return EquationCheck(
         "(22)", "b_ax", "g", float(printed[0]), float(corrected[0]), float(simulated.TRUTH.bias[0]),
-        f"biases of {', '.join(format_significant(x, 3) for x in printed)} g; corrected, "
+        f"biases of {', '.join(shown(x, 3) for x in printed)} g; corrected, "
         "b = −C₁ (1 + 6K + 6K²) / [2 C₂ (1 + K)(1 + 2K)]",
     )  # fmt: skip
 
@@ -304,13 +300,13 @@ def equations_section(trials: simulated.CentrifugeTrials) -> study.StudySection:
     rows = [
         (
             f"{one.equation}: {one.quantity}, {one.unit}",
-            [format_significant(one.printed, 7), format_significant(one.corrected, 7),
-             format_significant(one.true, 7), format_significant(one.corrected - one.true)],
+            [shown(one.printed, 7), shown(one.corrected, 7),
+             shown(one.true, 7), shown(one.corrected - one.true)],
         )
         for one in tried
     ]  # fmt: skip
     return EQUATIONS_TEXT.section(
-        [one.finding for one in tried],
-        (study.StudyTable("Results of the equations", "equation",
-               ("as printed", "mended", "true", "corrected −\ntrue"), rows),),
+        *(one.finding for one in tried),
+        study.StudyTable("Results of the equations", "equation",
+               ("as printed", "mended", "true", "corrected −\ntrue"), rows),
     )  # fmt: skip

@@ -12,9 +12,8 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import closed_formulas, ml
 from inercal.studies import study
-from inercal.studies.centrifuge import simulated_centrifuge
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import shown
 
 TEXT = study.read_section_text("inercal.studies.centrifuge", "misalignment")
 
@@ -31,15 +30,15 @@ class IgnoredMisalignment:
 
 def symmetric_ml_errors(device: simulated.SimulatedTriad) -> Array:
     """Return the errors of S, b and D, (3, 3), if the symmetric part of Φ is also estimated."""
-    spins, result = simulated.steps(), simulated_centrifuge.sensor("misalignment", symmetric=True)
+    spins, result = simulated.steps(), simulated.sensor("misalignment", symmetric=True)
     found = ml(
-        simulated_centrifuge.observations(simulated.outputs(device, spins), result),
+        simulated.observations(simulated.outputs(device, spins), result),
         result,
         simulated.BENCH,
         spins,
     )
     named = dict(zip(found.names, found.value.tolist(), strict=True))
-    nine = [named[name] for name in simulated_centrifuge.sensor().coefficients]
+    nine = [named[name] for name in simulated.sensor().coefficients]
     return simulated.coefficients_as_printed(np.array(nine)) - simulated.TRUTH.values
 
 
@@ -146,11 +145,10 @@ def section(clean: Array) -> study.StudySection:
     small = [
         TEXT.judge(
             f"small_{q}", paper[:, k].max(), rest[k],
-            f"(16) to (22) have errors of {format_significant(paper[:, k].min())} to "
-            f"{format_significant(paper[:, k].max())} {simulated.UNITS[q]} over the range, ml with "
-            f"nine parameters by {format_significant(exact[:, k].min())} to "
-            f"{format_significant(exact[:, k].max())}; of {patterns} patterns of leaning axes, the "
-            f"most favourable one gives {format_significant(at_least[k])} at 2·10⁻⁴ rad",
+            f"(16) to (22) have errors of {shown(paper[:, k].min())} to {shown(paper[:, k].max())} "
+            f"{simulated.UNITS[q]} over the range, ml with nine parameters by "
+            f"{shown(exact[:, k].min())} to {shown(exact[:, k].max())}; of {patterns} patterns of "
+            f"leaning axes, the most favourable one gives {shown(at_least[k])} at 2·10⁻⁴ rad",
         )
         for k, q in enumerate("SbD")
     ]  # fmt: skip
@@ -158,10 +156,9 @@ def section(clean: Array) -> study.StudySection:
     relative = np.nanmax(np.abs(found.non_orthogonality["paper"]) / simulated.TRUTH.values, axis=-1)
     ordering = [
         TEXT.judge(claim, ratio[:, k].mean(), np.ptp(ratio[:, k]) / 2,
-            f"the ratio is between {format_significant(ratio[:, k].min())} and "
-            f"{format_significant(ratio[:, k].max())} over the range; relative to the coefficients "
-            f"at 2·10⁻⁴ rad: S {format_significant(relative[0, 0])}, "
-            f"b {format_significant(relative[0, 1])}, D {format_significant(relative[0, 2])}")
+            f"the ratio is between {shown(ratio[:, k].min())} and {shown(ratio[:, k].max())} over "
+            f"the range; relative to the coefficients at 2·10⁻⁴ rad: S {shown(relative[0, 0])}, b "
+            f"{shown(relative[0, 1])}, D {shown(relative[0, 2])}")
         for k, claim in enumerate(("first", "second"))
     ]  # fmt: skip
     growth = np.diff(paper, axis=0) / paper[:-1]
@@ -172,22 +169,19 @@ def section(clean: Array) -> study.StudySection:
     powers = zip(folded, ("first", "second", "third", "fourth"), strict=True)
     mainly = TEXT.judge("mainly", share, 0.0,
         "misalignments change |f|² by products of two outputs, which (13) does not contain; the "
-        "first "
-        f"powers are {share:.1%} of the change, and the regression distributes the products among "
-        "all "
-        "powers, "
+        f"first powers are {share:.1%} of the change, and the regression distributes the products "
+        "among all powers, "
         + ", ".join(f"{x:.0%} into the {name}" for x, name in powers),
     )  # fmt: skip
+    findings = (*small, grows, *ordering, mainly)
     return TEXT.section(
-        (*small, grows, *ordering, mainly),
-        (_table(found),),
-        (_chart(found),),
+        *findings,
+        _table(found),
+        _chart(found),
         rootless=rootless,
         angles=len(ANGLES),
-        turn=format_significant(turn),
-        recovered=format_significant(
-            largest_axis_errors(found.non_orthogonality["ml, Φ found"]).max()
-        ),
+        turn=shown(turn),
+        recovered=shown(largest_axis_errors(found.non_orthogonality["ml, Φ found"]).max()),
     )
 
 
@@ -196,9 +190,7 @@ def _table(found: IgnoredMisalignment) -> study.StudyTable:
     for what, errors in (("non-orthogonality", found.non_orthogonality), ("rotation", found.turn)):
         for name, values in errors.items():
             largest = largest_axis_errors(values)
-            cells = [
-                format_significant(x) for k in range(3) for x in (largest[0, k], largest[-1, k])
-            ]
+            cells = [shown(x) for k in range(3) for x in (largest[0, k], largest[-1, k])]
             rows.append((f"{what}: {name}", cells))
     heads = [f"|Δ{q}| at\n{g}" for q in "SbD" for g in ("2·10⁻⁴ rad", "10⁻³ rad")]
     return study.StudyTable(

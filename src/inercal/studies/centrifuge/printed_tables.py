@@ -15,9 +15,8 @@ from inercal.basics.arrays import Array
 from inercal.estimation import Cauchy, least_squares
 from inercal.methods.centrifuge_norm.problems import norm_problem
 from inercal.methods.centrifuge_norm.screening import SuspectRow, screen_rows
-from inercal.studies.centrifuge import simulated_centrifuge
 from inercal.studies.centrifuge import simulated_centrifuge as simulated
-from inercal.studies.claim import LIMIT, Claim, ClaimResult, format_significant, judge_claim
+from inercal.studies.claim import LIMIT, Claim, ClaimResult, judge_claim, shown
 from inercal.studies.study import StudySection, StudyTable, read_section_text
 
 OUTPUTS_TEXT = read_section_text("inercal.studies.centrifuge", "table1")
@@ -45,10 +44,8 @@ def read_printed_table() -> Array:
 
 def repair_table(printed: Array) -> ScreenedTable:
     """Screen the table without using the truth, and apply each unique repair."""
-    result, spins = simulated_centrifuge.sensor(), simulated.steps()
-    suspects = screen_rows(
-        simulated_centrifuge.observations(printed, result), result, simulated.BENCH, spins
-    )
+    result, spins = simulated.sensor(), simulated.steps()
+    suspects = screen_rows(simulated.observations(printed, result), result, simulated.BENCH, spins)
     repaired = printed.copy()
     for suspect in suspects:
         if len(suspect.repairs) == 1:
@@ -63,9 +60,9 @@ def count_falsely_rejected_rows(found: ScreenedTable) -> int:
     Such a fit starts at the nominal sensor and stays biased by the wrong rows. Screening therefore
     decreases the threshold step by step.
     """
-    result, spins = simulated_centrifuge.sensor(), simulated.steps()
+    result, spins = simulated.sensor(), simulated.steps()
     requested = norm_problem(
-        simulated_centrifuge.observations(found.printed, result), result, simulated.BENCH, spins
+        simulated.observations(found.printed, result), result, simulated.BENCH, spins
     )
     fit = least_squares(requested, Cauchy(_THRESHOLD))
     sound = (found.printed == found.repaired).all(axis=1)
@@ -89,7 +86,7 @@ def outputs_section() -> StudySection:
     worst = float(np.abs(found.repaired - design).max())
     slipped = int((np.abs(found.repaired - design) > _LAST_DIGIT / 2 * (1 + 1e-6)).sum())
     rms = float(np.sqrt(np.mean((found.repaired - design) ** 2)))
-    sensed = simulated_centrifuge.dwell_force(simulated.steps())
+    sensed = simulated.dwell_force(simulated.steps())
     named = "; ".join(s.describe() for s in found.suspects[:2])
     findings = (
         OUTPUTS_TEXT.judge("signs", alike, 0.0,
@@ -98,19 +95,17 @@ def outputs_section() -> StudySection:
             "otherwise"),
         OUTPUTS_TEXT.judge("repaired", after, 0.0,
             f"screening finds {len(found.suspects)} rows, each with a unique repair ({named}; …); "
-            f"after the repairs no entry is farther than {format_significant(worst)} V from the "
-            "design, "
-            f"and {slipped} by more than rounding"),
+            f"after the repairs no entry is farther than {shown(worst)} V from the "
+            f"design, and {slipped} by more than rounding"),
         OUTPUTS_TEXT.judge("noise", rms, _LAST_DIGIT / np.sqrt(12),
-            f"the repaired table differs from the design by {format_significant(rms)} V rms, which "
+            f"the repaired table differs from the design by {shown(rms)} V rms, which "
             "is the rounding to six decimals, so it contains no noise"),
         OUTPUTS_TEXT.judge("positive", sensed.min(), 0.0,
             f"{int((sensed < -1e-9).sum())} of {sensed.size} components of the design are "
-            "negative; "
-            "the correct root is the printed one, with f → −Δ as D → 0"),
+            "negative; the correct root is the printed one, with f → −Δ as D → 0"),
     )  # fmt: skip
     return OUTPUTS_TEXT.section(
-        findings, (_outputs_table(found, design, lost),), sound=count_falsely_rejected_rows(found)
+        *findings, _outputs_table(found, design, lost), sound=count_falsely_rejected_rows(found)
     )
 
 
@@ -186,7 +181,7 @@ def estimate_claim(entry: PrintedEstimate) -> Claim:
         )  # fmt: skip
     accuracy = abs(entry.value / simulated.TRUTH.values[entry.index] - 1)
     return Claim(
-        f"{entry.name} accurate to {format_significant(accuracy)} of its value", "Table 2, "
+        f"{entry.name} accurate to {shown(accuracy)} of its value", "Table 2, "
                                                                            "(21)", accuracy,
         relation="≤", kind="result", basis="derived",
     )  # fmt: skip
@@ -202,16 +197,15 @@ def judge_estimate(entry: PrintedEstimate, trials: simulated.CentrifugeTrials) -
         likely = trials.std("ml")[at]
         return judge_claim(
             result, noise / true, error / true,
-            f"with (21), noise of 10⁻⁵ V scatters it by {format_significant(noise)} 1/g, "
-            f"{format_significant(abs(noise / missed), 3)} times the printed error, and "
-            f"{trials.rootless:.1%} of trials have no root; without noise (21) gives "
-            f"{format_significant(true + clean, 7)} 1/g; with maximum likelihood, the same noise "
-            f"scatters it by {format_significant(likely)} 1/g, "
-            f"{format_significant(abs(likely / missed), 2)} times the printed error",
+            f"with (21), noise of 10⁻⁵ V scatters it by {shown(noise)} 1/g, "
+            f"{shown(abs(noise / missed), 3)} times the printed error, and {trials.rootless:.1%} "
+            f"of trials have no root; without noise (21) gives {shown(true + clean, 7)} 1/g; with "
+            f"maximum likelihood, the same noise scatters it by {shown(likely)} 1/g, "
+            f"{shown(abs(likely / missed), 2)} times the printed error",
         )  # fmt: skip
     text = (
-        f"noise of 10⁻⁵ V scatters it by {format_significant(noise)}, and the printed estimate is "
-        f"{format_significant(missed)} from the truth"
+        f"noise of 10⁻⁵ V scatters it by {shown(noise)}, and the printed estimate is "
+        f"{shown(missed)} from the truth"
     )
     return judge_claim(result, true + clean, noise, text)
 
@@ -224,14 +218,9 @@ def estimates_section(trials: simulated.CentrifugeTrials) -> StudySection:
         at = entry.index
         true = simulated.TRUTH.values[at]
         printed = entry.value - true
-        cells = [
-            format_significant(true, 3),
-            format_significant(entry.value, 7),
-            format_significant(printed),
-            format_significant(abs(printed / true)),
-        ]
-        cells += [format_significant(trials.noise_free[name][at]) for name in simulated.ESTIMATORS]
-        cells += [format_significant(trials.std(name)[at]) for name in simulated.ESTIMATORS]
+        cells = [shown(true, 3), shown(entry.value, 7), shown(printed), shown(abs(printed / true))]
+        cells += [shown(trials.noise_free[name][at]) for name in simulated.ESTIMATORS]
+        cells += [shown(trials.std(name)[at]) for name in simulated.ESTIMATORS]
         rows.append((f"{entry.name}, {simulated.UNITS[entry.quantity]}", cells))
     needed = [
         float(trials.std("paper")[e.index] / abs(e.value - simulated.TRUTH.values[e.index]))
@@ -241,24 +230,22 @@ def estimates_section(trials: simulated.CentrifugeTrials) -> StudySection:
     n = len(trials.error["series"])
     findings = [judge_estimate(entry, trials) for entry in PRINTED_ESTIMATES]
     return ESTIMATES_TEXT.section(
-        findings,
-        (
-            StudyTable(
-                "Estimates, their errors without noise, and their scatter with it",
-                "coefficient",
-                (
-                    "truth", "printed", "printed −\ntruth", "the same,\nrelative",
-                    *(f"{name},\nno noise" for name in simulated.ESTIMATORS),
-                    *(f"{name},\nscatter" for name in simulated.ESTIMATORS),
-                ),
-                rows,
+        *findings,
+        StudyTable(
+            "Estimates, their errors without noise, and their scatter with it",
+            "coefficient",
+            (
+                "truth", "printed", "printed −\ntruth", "the same,\nrelative",
+                *(f"{name},\nno noise" for name in simulated.ESTIMATORS),
+                *(f"{name},\nscatter" for name in simulated.ESTIMATORS),
             ),
+            rows,
         ),
         n=n,
         count=count,
         rootless=trials.rootless,
-        least=format_significant(min(needed), 2),
-        most=format_significant(max(needed), 2),
+        least=shown(min(needed), 2),
+        most=shown(max(needed), 2),
         too_far=_unexplained_values(findings),
     )  # fmt: skip
 

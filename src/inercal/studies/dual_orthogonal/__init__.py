@@ -13,7 +13,6 @@ from inercal.studies.dual_orthogonal import (
     error_allocation,
     method_accuracy,
     squared_observation,
-    step_angle,
 )
 from inercal.studies.study import MessageCallback, Study, build_study, compute_stages
 
@@ -31,7 +30,7 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
             partial(squared_observation.section, fewer, seed),
             partial(cardinal_points.section, trials, seed),
         ],
-        "steps": step_angle.step_calls(fewer // 2, seed),
+        "steps": squared_observation.step_calls(fewer // 2, seed),
     }
     methods, heads, items, (seen, points), steps = compute_stages(stages, say, executor)
     compared = method_accuracy.combine_methods(methods)
@@ -41,7 +40,7 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
             method_accuracy.accuracy_section(compared),
             method_accuracy.head_section(method_accuracy.combine_heads(heads)),
             method_accuracy.faces_section(compared),
-            step_angle.section(steps),
+            squared_observation.step_section(steps),
             error_allocation.section(items),
             points,
             seen,

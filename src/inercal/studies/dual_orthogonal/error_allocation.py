@@ -14,22 +14,24 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.studies import study
-from inercal.studies.claim import Rms, format_significant, rms
+from inercal.studies.claim import Rms, rms, shown
 from inercal.studies.dual_orthogonal.simulated_head import (
     ARCSEC,
     AUTOCOLLIMATOR,
+    EVERY_FACE,
     HEAD_ERROR,
     HEAD_ZERO,
     JUDGED_COLUMNS,
+    METHODS,
     MICRO,
     NOISE,
     SIZES,
     SPINDLE_LEAN,
     estimate_errors,
+    method_errors,
     nominal_bench,
     simulate,
 )
-from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
 
 TEXT = study.read_section_text("inercal.studies.dual_orthogonal", "allocation")
 
@@ -139,19 +141,17 @@ def section(results: Sequence[Any]) -> study.StudySection:
     findings = (
         TEXT.judge("in_all", whole.value, whole.u,
             f"two readings of {AUTOCOLLIMATOR:g}″ in each pair already contribute "
-            f"{format_significant(k0[_AUTOCOLLIMATOR_ITEM])} µg; "
-            f"{format_significant(allowed_autocollimator_deviation(k0))}″ would be sufficient, or "
-            "a face "
-            "at every position, which gives "
-            f"{format_significant(rms(faces[ALL_ITEMS]['K0']).value)} µg"),
+            f"{shown(k0[_AUTOCOLLIMATOR_ITEM])} µg; {shown(allowed_autocollimator_deviation(k0))}″ "
+            "would be sufficient, or a face at every position, which gives "
+            f"{shown(rms(faces[ALL_ITEMS]['K0']).value)} µg"),
         TEXT.judge("tilting", moving["patent"].value, moving["patent"].u,
             "the autocollimator is mounted on the base and does not detect its tilt; with a face "
-            f"at every position it is {format_significant(moving[EVERY_FACE].value)} µg"),
+            f"at every position it is {shown(moving[EVERY_FACE].value)} µg"),
         TEXT.judge("leaning", leaning.value, leaning.u,
             f"effect of a lean of {SPINDLE_LEAN:g}″ on the coefficient that it changes most, k1 + "
             "K3"),
     )  # fmt: skip
-    return TEXT.section(findings, (_table(found, moving),), (_chart(found),), pier=BASE_TILT)
+    return TEXT.section(*findings, _table(found, moving), _chart(found), pier=BASE_TILT)
 
 
 def _table(found: ErrorsByItem, moving: Mapping[str, Rms]) -> study.StudyTable:
@@ -163,10 +163,7 @@ def _table(found: ErrorsByItem, moving: Mapping[str, Rms]) -> study.StudyTable:
     def row(name: str, size: str, values: Array) -> tuple[str, list[str]]:
         return name, [
             size,
-            *(
-                "" if np.isnan(x) else format_significant(x) if x > _TABLE_MINIMUM else "0"
-                for x in values
-            ),
+            *("" if np.isnan(x) else shown(x) if x > _TABLE_MINIMUM else "0" for x in values),
         ]
 
     counted = {name: of(name) for name in ITEMS if name != BASE_TILT_ITEM}

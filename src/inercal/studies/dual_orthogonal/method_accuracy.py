@@ -9,16 +9,18 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.estimation import Estimate
 from inercal.studies import study
-from inercal.studies.claim import Rms, format_all, format_significant, rms
+from inercal.studies.claim import Rms, format_all, rms, shown
 from inercal.studies.dual_orthogonal.simulated_head import (
     COLUMNS,
+    EVERY_FACE,
+    METHODS,
     DividingHeadCase,
     estimate_errors,
+    method_errors,
     nominal_bench,
     rms_ratio,
     simulate,
 )
-from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
 
 ACCURACY_TEXT = study.read_section_text("inercal.studies.dual_orthogonal", "accuracy")
 FACES_TEXT = study.read_section_text("inercal.studies.dual_orthogonal", "faces")
@@ -79,16 +81,13 @@ def accuracy_section(found: MethodAccuracy) -> study.StudySection:
     patent, pairs = found.rms["patent, no centrifuge"], found.rms[JOINT_METHOD]
     reasons = {
         "K0": "from the four points, with each pair aligned by the autocollimator",
-        "k1": f"k1 + K3 is known to {format_significant(patent['k1 + K3'].value)} µg, but K_A3 and "
-        "K_B3 act "
-        "in the same way on the readings; with K3 from a centrifuge, to 0.5 µg, k1 is known to "
-        f"{format_significant(found.rms['patent']['k1'].value)} µg, and with the autocollimator "
-        f"read at every position to {format_significant(found.rms[EVERY_FACE]['k1'].value)} µg "
-        "without a centrifuge",
+        "k1": f"k1 + K3 is known to {shown(patent['k1 + K3'].value)} µg, but K_A3 and K_B3 act in "
+        "the same way on the readings; with K3 from a centrifuge, to 0.5 µg, k1 is known to "
+        f"{shown(found.rms['patent']['k1'].value)} µg, and with the autocollimator read at every "
+        f"position to {shown(found.rms[EVERY_FACE]['k1'].value)} µg without a centrifuge",
         "δ": "from g² in addition to the four points",
-        "K2": "with K3 from a centrifuge it would be "
-        f"{format_significant(found.rms['patent']['K2'].value)} µg",
-        "Kip": f"from a prior of 20 µg; joint reaches {format_significant(pairs['Kip'].value)} µg",
+        "K2": f"with K3 from a centrifuge it would be {shown(found.rms['patent']['K2'].value)} µg",
+        "Kip": f"from a prior of 20 µg; joint reaches {shown(pairs['Kip'].value)} µg",
     }
     findings = [
         ACCURACY_TEXT.judge(name, patent[name].value, patent[name].u, reason)
@@ -104,13 +103,11 @@ def accuracy_section(found: MethodAccuracy) -> study.StudySection:
         for k, name in enumerate(_CHARTED_METHODS)
     ]  # fmt: skip
     return ACCURACY_TEXT.section(
-        findings,
-        (study.StudyTable("RMS of the errors, µg (δ µrad, k1 ppm)", "method", COLUMNS, rows),),
-        (
-            study.Chart("methods", "RMS of the errors by coefficient. The goal is 1 µg; values "
-                  "above it need a centrifuge, or a face at every position.",
-                  [study.StudyPanel("", "", "RMS, µg", lines, names=COLUMNS)]),
-        ),
+        *findings,
+        study.StudyTable("RMS of the errors, µg (δ µrad, k1 ppm)", "method", COLUMNS, rows),
+        study.Chart("methods", "RMS of the errors by coefficient. The goal is 1 µg; values "
+              "above it need a centrifuge, or a face at every position.",
+              [study.StudyPanel("", "", "RMS, µg", lines, names=COLUMNS)]),
         largest=largest,
     )  # fmt: skip
 
@@ -120,18 +117,15 @@ def faces_section(found: MethodAccuracy) -> study.StudySection:
     few, all_ = found.rms[JOINT_METHOD], found.rms[EVERY_FACE]
     gain = {name: few[name].value / all_[name].value for name in COLUMNS}
     rows = [
-        ("four positions", [format_significant(few[name].value, 3) for name in COLUMNS]),
-        ("every position", [format_significant(all_[name].value, 3) for name in COLUMNS]),
+        ("four positions", [shown(few[name].value, 3) for name in COLUMNS]),
+        ("every position", [shown(all_[name].value, 3) for name in COLUMNS]),
         ("gain", [f"{x:.2f}" for x in gain.values()]),
     ]
     near = ", ".join(f"{x.value:.3f} ± {x.u:.3f}" for x in found.nees.values())
     return FACES_TEXT.section(
-        (),
-        (
-            study.StudyTable("RMS of joint, µg (δ µrad, k1 ppm), by the positions where the "
-                "autocollimator is read",
-                  "read at", COLUMNS, rows),
-        ),
+        study.StudyTable("RMS of joint, µg (δ µrad, k1 ppm), by the positions where the "
+            "autocollimator is read",
+              "read at", COLUMNS, rows),
         gain=gain,
         near=near,
     )  # fmt: skip
@@ -175,11 +169,10 @@ def head_section(found: HeadComparison) -> study.StudySection:
     alone = found.k0["single"][HEAD_ERRORS.index(3.0)]
     findings = (
         HEAD_TEXT.judge("free", found.perfect_head_ratio.value, found.perfect_head_ratio.u,
-            f"it changes the K0 of a trial by {format_significant(found.head_change)} µg"),
+            f"it changes the K0 of a trial by {shown(found.head_change)} µg"),
         HEAD_TEXT.judge("alone", alone.value, alone.u,
             "with a head of 3″; with a head of 0.5″ it is "
-            f"{format_significant(found.k0['single'][0].value)} "
-            "µg"),
+            f"{shown(found.k0['single'][0].value)} µg"),
     )  # fmt: skip
     sizes = np.array(HEAD_ERRORS)
     lines = [
@@ -187,16 +180,11 @@ def head_section(found: HeadComparison) -> study.StudySection:
         for name, values in found.k0.items()
     ]
     return HEAD_TEXT.section(
-        findings,
-        (
-            study.StudyTable("RMS of K0, µg, by the head's error (rms)", "method",
-                  [f"{head:g}″" for head in HEAD_ERRORS],
-                  [(name, format_all(k0, 3))
-                   for name, k0 in found.k0.items()]),
-        ),
-        (
-            study.Chart("head", "RMS of K0 against the head's error, with the same random draws "
-                  "for all heads.",
-                  [study.StudyPanel("", "head's error, ″ rms", "RMS of K0, µg", lines)]),
-        ),
+        *findings,
+        study.StudyTable("RMS of K0, µg, by the head's error (rms)", "method",
+              [f"{head:g}″" for head in HEAD_ERRORS],
+              [(name, format_all(k0, 3)) for name, k0 in found.k0.items()]),
+        study.Chart("head", "RMS of K0 against the head's error, with the same random draws "
+              "for all heads.",
+              [study.StudyPanel("", "head's error, ″ rms", "RMS of K0, µg", lines)]),
     )  # fmt: skip

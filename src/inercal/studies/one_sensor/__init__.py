@@ -20,7 +20,7 @@ from inercal.pipeline import calibrate, simulate_files
 from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read
 from inercal.studies import study
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import shown
 
 TEXT = study.read_section_text(__name__, "agreement")
 LABORATORIES = (
@@ -151,11 +151,11 @@ def section(found: Sequence[Mapping[Pair, PairTest]]) -> study.StudySection:
             " and ".join(pair),
             (
                 str(int(dof[0, j])),
-                format_significant(float(chi2[:, j].sum() / dof[:, j].sum())),
+                shown(float(chi2[:, j].sum() / dof[:, j].sum())),
                 f"{p[:, j].min():.2g}",
             ),
         )
         for j, pair in enumerate(pairs)
     ]
     table = study.StudyTable("Pairs", "laboratories", ("coefficients", "χ²/ν", "smallest p"), rows)
-    return TEXT.section(findings, [table])
+    return TEXT.section(*findings, table)

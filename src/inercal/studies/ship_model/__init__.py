@@ -8,7 +8,7 @@ text and the claims of a section are in the TOML file with the section's name.
 from itertools import islice
 
 from inercal.basics.parallel import Executor, in_order
-from inercal.studies.ship_model import equation_rank, estimators, optimiser, planar, wave_check
+from inercal.studies.ship_model import estimators, optimiser, planar, wave_check
 from inercal.studies.ship_model.simulated_rate_table import simulate
 from inercal.studies.study import MessageCallback, Study, build_study
 
@@ -30,7 +30,7 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
     for call in wave_check.wave_calls(found):
         executor.submit(call)
     say("the planar calibration")
-    sections = [planar.section(found), equation_rank.section(), equation_rank.damped_section(found)]
+    sections = [planar.section(found), estimators.rank_section(), estimators.damped_section(found)]
     say(f"global searches of {searches} devices")
     of_searches = list(islice(results, searches * len(optimiser.BOUNDS)))
     searched = optimiser.compare_searches(case, seed, of_searches)

@@ -17,7 +17,7 @@ from inercal.methods.ship_multi_angle.norm_equations import (
 from inercal.methods.ship_planar import fit_level_states
 from inercal.physics.sensors.affine import AffineModel
 from inercal.studies import study
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import shown
 from inercal.studies.ship_model import simulated_rate_table as simulated
 
 TEXT = study.read_section_text("inercal.studies.ship_model", "optimiser")
@@ -114,38 +114,33 @@ def section(searched: Sequence[OptimiserComparison]) -> study.StudySection:
     findings = [
         TEXT.judge("met", 100 * worst, 0.0,
             f"this is the largest of {len(searched)} devices after polishing; before it, they met "
-            f"the goal at generations "
-            f"{goals}"),
+            f"the goal at generations {goals}"),
         *(TEXT.judge(f"far_{name}", largest[name], 0.0,
-                f"rms {format_significant(off[name].value)} g (median), up to "
-                f"{format_significant(off[name].percentile_95)} g, while the norm errors are at "
-                "most "
-                f" {format_significant(100 * max(w.searches[name].worst for w in searched))} %")
+                f"rms {shown(off[name].value)} g (median), up to {shown(off[name].percentile_95)} "
+                "g, while the norm errors are at most  "
+                f"{shown(100 * max(w.searches[name].worst for w in searched))} %")
           for name in BOUNDS),
         TEXT.judge("same", ratio.value, np.hypot(ratio.u, _WITHIN / 2),
             "within 1 % is considered similar; both reach the same minimum"),
         TEXT.judge("verifies", apart.value, norm,
-            f"u is the norm error of either, {format_significant(norm)} mg; a triad "
-            "rotated in any way has the same sum, so two programs can agree on it and "
-            "both be wrong"),
+            f"u is the norm error of either, {shown(norm)} mg; a triad rotated in any "
+            "way has the same sum, so two programs can agree on it and both be wrong"),
     ]  # fmt: skip
     rows = [
-        (f"{k + 1}", [f"{one.cost_ratio:.6f}", format_significant(one.norm / simulated.MILLI),
-                      format_significant(one.vector_error["damped"] / simulated.MILLI),
-                      format_significant(one.vector_error["default"] / simulated.MILLI),
-                      format_significant(one.vector_error["wide"] / simulated.MILLI),
-                      format_significant(one.solution_distance / simulated.MILLI)])
+        (f"{k + 1}", [f"{one.cost_ratio:.6f}", shown(one.norm / simulated.MILLI),
+                      shown(one.vector_error["damped"] / simulated.MILLI),
+                      shown(one.vector_error["default"] / simulated.MILLI),
+                      shown(one.vector_error["wide"] / simulated.MILLI),
+                      shown(one.solution_distance / simulated.MILLI)])
         for k, one in enumerate(searched)
     ]  # fmt: skip
     return TEXT.section(
-        findings,
-        (
-            study.StudyTable(
-                  "Results by device, mg, with the ratio of the sums of squares", "device",
-                  ("sum, optimiser\nover damped", "norms", "vectors,\ndamped",
-                   "vectors,\noptimiser", "vectors,\nwide bounds", "optimiser\nto damped"), rows),
-        ),
-        (_history(searched[0]),),
+        *findings,
+        study.StudyTable(
+              "Results by device, mg, with the ratio of the sums of squares", "device",
+              ("sum, optimiser\nover damped", "norms", "vectors,\ndamped",
+               "vectors,\noptimiser", "vectors,\nwide bounds", "optimiser\nto damped"), rows),
+        _history(searched[0]),
     )  # fmt: skip
 
 

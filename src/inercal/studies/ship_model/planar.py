@@ -6,7 +6,7 @@ from inercal.basics.arrays import Array
 from inercal.benches.rate_table.fixture import PLANES, RPM, planar_plan
 from inercal.methods.ship_planar import fit_level_states
 from inercal.physics.sensors.affine import AffineModel
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import shown
 from inercal.studies.ship_model import simulated_rate_table as simulated
 from inercal.studies.ship_model.estimators import UNCALIBRATED, EstimatorComparison
 from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, read_section_text
@@ -47,7 +47,7 @@ def section(found: EstimatorComparison) -> StudySection:
         simulated.median_estimate(level_norm_deviations(model, case)),
     )
     left = simulated.median_estimate(exact_mounting_norm_error(len(case.readings), found.seed))
-    said_mg = {k: format_significant(x.value / simulated.MILLI) for k, x in
+    said_mg = {k: shown(x.value / simulated.MILLI) for k, x in
                {"in": inside, "out": outside, "there": there, "left": left}.items()}  # fmt: skip
     ratios = (
         simulated.median_ratio(outside, inside),
@@ -60,16 +60,16 @@ def section(found: EstimatorComparison) -> StudySection:
             f"mg elsewhere, because least squares also fits the errors of the three mountings"),
         TEXT.judge("grows", *ratios[1],
             f"the error is {said_mg['there']} mg at the groups and "
-            f"{format_significant(here.value / simulated.MILLI)} mg at its own states"),
+            f"{shown(here.value / simulated.MILLI)} mg at its own states"),
         TEXT.judge("coupling", *ratios[2],
             "M has all nine elements, so it includes coupling; with exact mountings, only "
             f"{said_mg['left']} mg would remain, which come from noise"),
     )  # fmt: skip
     return TEXT.section(
-        findings,
-        (),
-        (_speed_chart(found), _group_chart(found)),
-        across=format_significant(simulated.POSE_SD / simulated.MILLI),
+        *findings,
+        _speed_chart(found),
+        _group_chart(found),
+        across=shown(simulated.POSE_SD / simulated.MILLI),
     )
 
 
@@ -125,15 +125,13 @@ def _group_chart(found: EstimatorComparison) -> Chart:
               [Curve(name, numbers, e[:, k]) for name, e in rms.items()], log_y=False)
         for k, axis in enumerate("xyz")
     ]  # fmt: skip
-    whole = {name: format_significant(float(simulated.rms_length(e))) for name, e in rms.items()}
+    whole = {name: shown(float(simulated.rms_length(e))) for name, e in rms.items()}
     return Chart(
         "groups",
         "Error of each axis in the sixteen groups, exactly mounted, as in the source's Figs. 7–9; "
-        "rms "
-        "over devices. Groups are numbered as planned: XY, YX and ZY at 30°, 60° and 135°, the "
+        "rms over devices. Groups are numbered as planned: XY, YX and ZY at 30°, 60° and 135°, the "
         "pose of two tilts, then 30° and 135° at 46 r/min. Over all groups the error of damped is "
         f"{whole['damped']} mg in the poses it was fitted to, that of planar {whole['planar']} mg "
-        "and "
-        f"that of joint {whole['joint']} mg.",
+        f"and that of joint {whole['joint']} mg.",
         panels,
     )

@@ -26,7 +26,7 @@ from inercal.basics.arrays import Array
 from inercal.physics.frames import exp_so3
 from inercal.physics.sensors import G0
 from inercal.studies import study
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import shown
 from inercal.studies.ship_model.estimators import UNCALIBRATED, EstimatorComparison
 from inercal.studies.ship_model.simulated_rate_table import (
     MILLI,
@@ -195,26 +195,24 @@ def section(found: EstimatorComparison, results: Sequence[ResidualError]) -> stu
     rest_corrected = {
         way: median_estimate(rough[way].rest_corrected.max(-1)) for way in SHOWN_ESTIMATORS
     }
-    mg = {way: format_significant(one.value / MILLI) for way, one in worst.items()}
-    parts = {way: format_significant(100 * one.value / heave) for way, one in worst.items()}
-    rests = {
-        way: format_significant(100 * one.value / heave) for way, one in rest_corrected.items()
-    }
+    mg = {way: shown(one.value / MILLI) for way, one in worst.items()}
+    parts = {way: shown(100 * one.value / heave) for way, one in worst.items()}
+    rests = {way: shown(100 * one.value / heave) for way, one in rest_corrected.items()}
     value, u = 100 * worst["damped"].value, 100 * worst["damped"].u
     findings = (
         TEXT.judge("of_force", value, u,
             f"the error is {mg['damped']} mg; it is {mg['planar']} mg with planar, {mg['joint']} "
             f"mg with joint, and {mg[UNCALIBRATED]} mg without calibration"),
         TEXT.judge("of_heave", value / heave, u / heave,
-            f"heave is {format_significant(heave / MILLI)} mg rms; planar leaves {parts['planar']} "
+            f"heave is {shown(heave / MILLI)} mg rms; planar leaves {parts['planar']} "
             f"%, joint {parts['joint']} %; after zeroing at rest they leave {rests['damped']} %, "
             f"{rests['planar']} % and {rests['joint']} %, and no calibration {rests[UNCALIBRATED]} "
             "%"),
     )  # fmt: skip
     return TEXT.section(
-        findings,
-        tuple(_table(name, runs[name], by_run[name]) for name in WAVES),
-        (_chart(found, _TIME, runs["irregular"]),),
+        *findings,
+        *(_table(name, runs[name], by_run[name]) for name in WAVES),
+        _chart(found, _TIME, runs["irregular"]),
         place=SENSOR_POSITION,
     )
 
@@ -235,14 +233,12 @@ def _table(name: str, run: ShipMotion, by_way: dict[str, ResidualError]) -> stud
             ("rms if zeroed at rest", one.rest_corrected, rms),
         ):
             middle = np.median(e, axis=0)
-            rows.append((f"{way}, {what}", [format_significant(x / MILLI) for x in middle]
-                         + [f"{format_significant(100 * x / size)} %"
+            rows.append((f"{way}, {what}", [shown(x / MILLI) for x in middle]
+                         + [f"{shown(100 * x / size)} %"
                             for x in middle]))  # fmt: skip
     return study.StudyTable(
         f"{name.capitalize()} waves: remaining error, median over devices, in mg and relative to "
-        "the heave "
-        f"acceleration ({format_significant(rms / MILLI)} mg rms, "
-        f"{format_significant(peak / MILLI)} mg peak)",
+        f"the heave acceleration ({shown(rms / MILLI)} mg rms, {shown(peak / MILLI)} mg peak)",
         "calibration", ("x", "y", "z", "x, rel.", "y, rel.", "z, rel."), rows,
     )  # fmt: skip
 
@@ -261,8 +257,7 @@ def _chart(found: EstimatorComparison, t: Array, run: ShipMotion) -> study.Chart
         for k, axis in enumerate("xyz")
     ]  # fmt: skip
     largest = ", ".join(
-        f"±{format_significant(x / MILLI)}"
-        for x in np.abs(f - [0.0, 0.0, 1.0]).max(axis=0).tolist()
+        f"±{shown(x / MILLI)}" for x in np.abs(f - [0.0, 0.0, 1.0]).max(axis=0).tolist()
     )
     return study.Chart(
         "motion-error",

@@ -8,7 +8,7 @@ the TOML file with the section's name.
 
 from inercal.basics.parallel import Executor
 from inercal.studies.study import MessageCallback, Study, build_study
-from inercal.studies.turntable import printed_accuracy, state_models
+from inercal.studies.turntable import printed_accuracy
 from inercal.studies.turntable import turntable_trials as of_devices
 
 TRIALS_PER_DEVICE = 250  # each device has half an hour of samples
@@ -24,8 +24,8 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
         (
             printed_accuracy.accuracy_section(found),
             printed_accuracy.time_section(found),
-            state_models.states_section(found),
-            state_models.failures_section(found),
+            printed_accuracy.states_section(found),
+            printed_accuracy.failures_section(found),
         ),
         devices=devices,
         seed=seed,

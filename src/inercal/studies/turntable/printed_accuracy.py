@@ -1,5 +1,9 @@
-"""Compare the printed accuracy and duration with those of filters and paths."""
+"""Compare the printed accuracy, duration and states with those of other filters and paths.
 
+Failures show what the source's filters, with 15 and 18 states, leave out.
+"""
+
+from collections.abc import Sequence
 from math import sqrt
 
 import numpy as np
@@ -8,29 +12,21 @@ from inercal.benches.turntable.paths import discrete_path, fast_path, paper_path
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.physics.sensors import G0
 from inercal.studies import study
-from inercal.studies.claim import ClaimResult, Rms, format_all, format_significant
-from inercal.studies.turntable.simulated_turntable import ARW, MICRO_G, PPM, TABLE
-from inercal.studies.turntable.turntable_trials import (
-    COEFFICIENT_KINDS,
-    DISCRETE_PROCEDURE,
-    REST_ALONE,
-    FilterScore,
-    TurntableTrials,
-    coefficient_indices,
-    score_filter,
-    share_within_bound,
-)
+from inercal.studies.claim import ClaimResult, Rms, format_all, shown
+from inercal.studies.turntable import turntable_trials as trials
+from inercal.studies.turntable.simulated_turntable import ARW, LATENCY, MICRO_G, PPM, TABLE
 
 ACCURACY_TEXT = study.read_section_text("inercal.studies.turntable", "accuracy")
 BIAS_BOUND = ACCURACY_TEXT.claims["gyro_bias"].expected  # °/min
 REST_SECONDS = 72.0  # s, duration of the rest
 OWN_PATH, WHOLE_RECORDING = "15 states, own path", "19 states, whole recording"
 FULL_STATES, EIGHTEEN_STATES = "full, whole recording", "18 states"
+NINETEEN_STATES = "19 states, own path"
 _PRINTED_UNITS = {"g": {"bias": 1.0, "scale": PPM, "misalignment": 1.0},
                   "a": {"bias": MICRO_G / G0, "scale": PPM, "misalignment": 1.0}}  # fmt: skip
 _SENSOR_NAMES = {"g": "gyro", "a": "accelerometer"}
-_CHARTED_FILTERS = {OWN_PATH: "15", "19 states, own path": "19", WHOLE_RECORDING: "19, whole",
-                    FULL_STATES: "full", DISCRETE_PROCEDURE: "discrete"}  # fmt: skip
+_CHARTED_FILTERS = {OWN_PATH: "15", NINETEEN_STATES: "19", WHOLE_RECORDING: "19, whole",
+                    FULL_STATES: "full", trials.DISCRETE_PROCEDURE: "discrete"}  # fmt: skip
 
 
 def required_random_walk(seconds: float, bound: float = BIAS_BOUND) -> float:
@@ -45,58 +41,57 @@ def required_random_walk(seconds: float, bound: float = BIAS_BOUND) -> float:
     return bound * 60 * sqrt(seconds / 3600)
 
 
-def accuracy_section(found: TurntableTrials) -> study.StudySection:
+def accuracy_section(found: trials.TurntableTrials) -> study.StudySection:
     """Build the section about the printed accuracy."""
     return ACCURACY_TEXT.section(
-        (*_gyro_findings(found), *_accelerometer_findings(found)),
-        (),
-        (_chart(found),),
+        *_gyro_findings(found),
+        *_accelerometer_findings(found),
+        _chart(found),
         seconds=REST_SECONDS,
         bias=BIAS_BOUND,
-        walk=format_significant(required_random_walk(REST_SECONDS)),
+        walk=shown(required_random_walk(REST_SECONDS)),
     )
 
 
-def _gyro_findings(found: TurntableTrials) -> list[ClaimResult]:
+def _gyro_findings(found: trials.TurntableTrials) -> list[ClaimResult]:
     result = {
-        name: score_filter(found.gyros[name], "g")
+        name: trials.score_filter(found.gyros[name], "g")
         for name in (OWN_PATH, WHOLE_RECORDING, FULL_STATES)
     }
     own, whole, rest = (
         result[OWN_PATH].largest_axis,
         result[WHOLE_RECORDING].largest_axis,
-        score_filter(found.gyros[REST_ALONE], "g").bias,
+        trials.score_filter(found.gyros[trials.REST_ALONE], "g").bias,
     )
     share = {name: _share_text(found, name) for name in (OWN_PATH, WHOLE_RECORDING)}
-    alone = format_significant(ARW / required_random_walk(REST_SECONDS) * BIAS_BOUND)
+    alone = shown(ARW / required_random_walk(REST_SECONDS) * BIAS_BOUND)
     reasons = {
         "bias": f"{share[OWN_PATH]} of the devices reach it on all three axes",
-        "scale": f"{format_significant(own['scale'].value)} ppm",
-        "misalignment": format_significant(result[OWN_PATH].misalignment.value)
-        + "″ RMS of all six",
+        "scale": f"{shown(own['scale'].value)} ppm",
+        "misalignment": shown(result[OWN_PATH].misalignment.value) + "″ RMS of all six",
     }
     return [
         ACCURACY_TEXT.judge("gyro_bias", *own["bias"], reasons["bias"]),
         ACCURACY_TEXT.judge("at_rest", *rest,
             f"RMS of one axis; its white noise already gives {alone} °/min, and "
-            f"{format_significant(required_random_walk(REST_SECONDS))} °/√h would be sufficient"),
+            f"{shown(required_random_walk(REST_SECONDS))} °/√h would be sufficient"),
         ACCURACY_TEXT.judge("better", *whole["bias"],
             f"{share[WHOLE_RECORDING]} of the devices reach it on all three axes, with an RMS of "
-            f"one axis of {format_significant(result[WHOLE_RECORDING].bias.value)} °/min"),
+            f"one axis of {shown(result[WHOLE_RECORDING].bias.value)} °/min"),
         *(
             ACCURACY_TEXT.judge(f"gyro_{kind}", *_in_printed_unit(own[kind], "g", kind),
                 reasons[kind])
-            for kind in COEFFICIENT_KINDS if kind != "bias"
+            for kind in trials.COEFFICIENT_KINDS if kind != "bias"
         ),
     ]  # fmt: skip
 
 
-def _accelerometer_findings(found: TurntableTrials) -> list[ClaimResult]:
-    result = score_filter(found.accelerometers[EIGHTEEN_STATES], "a")
+def _accelerometer_findings(found: trials.TurntableTrials) -> list[ClaimResult]:
+    result = trials.score_filter(found.accelerometers[EIGHTEEN_STATES], "a")
     words = {
-        "bias": f"{format_significant(result.largest_axis['bias'].value)} µg",
-        "scale": f"{format_significant(result.largest_axis['scale'].value)} ppm",
-        "misalignment": f"{format_significant(result.misalignment.value)}″ RMS of all six",
+        "bias": f"{shown(result.largest_axis['bias'].value)} µg",
+        "scale": f"{shown(result.largest_axis['scale'].value)} ppm",
+        "misalignment": f"{shown(result.misalignment.value)}″ RMS of all six",
     }
     return [
         ACCURACY_TEXT.judge(
@@ -104,12 +99,14 @@ def _accelerometer_findings(found: TurntableTrials) -> list[ClaimResult]:
             *_in_printed_unit(result.largest_axis[kind], "a", kind),
             words[kind],
         )
-        for kind in COEFFICIENT_KINDS
+        for kind in trials.COEFFICIENT_KINDS
     ]
 
 
-def _share_text(found: TurntableTrials, name: str) -> str:
-    share = share_within_bound(found.gyros[name], coefficient_indices("bias"), BIAS_BOUND)
+def _share_text(found: trials.TurntableTrials, name: str) -> str:
+    share = trials.share_within_bound(
+        found.gyros[name], trials.coefficient_indices("bias"), BIAS_BOUND
+    )
     return f"{share:.0%}"
 
 
@@ -119,17 +116,18 @@ def _in_printed_unit(one: Rms, of: str, kind: str) -> Rms:
     return Rms(one.value * size, one.u * size)
 
 
-def _chart(found: TurntableTrials) -> study.Chart:
+def _chart(found: trials.TurntableTrials) -> study.Chart:
     held = {
         EIGHTEEN_STATES: "18",
         "25 states": "25",
         "full": "full",
-        DISCRETE_PROCEDURE: "discrete",
+        trials.DISCRETE_PROCEDURE: "discrete",
     }
     panels = [
         study.StudyPanel("", "", f"worst {_SENSOR_NAMES[of]}, over its bound",
-              [_filter_marks(score_filter(runs[name], of), of, short, 0.08 * (k - 2))
-               for k, (name, short) in enumerate(names.items())], names=tuple(COEFFICIENT_KINDS))
+              [_filter_marks(trials.score_filter(runs[name], of), of, short, 0.08 * (k - 2))
+               for k, (name, short) in enumerate(names.items())],
+              names=tuple(trials.COEFFICIENT_KINDS))
         for of, runs, names in (
             ("g", found.gyros, _CHARTED_FILTERS), ("a", found.accelerometers, held)
         )
@@ -144,12 +142,12 @@ def _chart(found: TurntableTrials) -> study.Chart:
     )
 
 
-def _filter_marks(one: FilterScore, of: str, name: str, aside: float) -> study.Curve:
+def _filter_marks(one: trials.FilterScore, of: str, name: str, aside: float) -> study.Curve:
     """Return the marks of one filter with a small offset, because some filters agree."""
     over_bound = [
         _in_printed_unit(one.largest_axis[kind], of, kind).value
         / ACCURACY_TEXT.claims[f"{_SENSOR_NAMES[of]}_{kind}"].expected
-        for kind in COEFFICIENT_KINDS
+        for kind in trials.COEFFICIENT_KINDS
     ]
     places = np.arange(float(len(over_bound))) + aside
     return study.Curve(name, places, np.array(over_bound), connected=False)
@@ -170,21 +168,19 @@ def rms_ratio(one: Rms, other: Rms) -> Rms:
     return Rms(value, value * ((one.u / one.value) ** 2 + (other.u / other.value) ** 2) ** 0.5)
 
 
-def time_section(found: TurntableTrials) -> study.StudySection:
+def time_section(found: trials.TurntableTrials) -> study.StudySection:
     """Build the section about the duration."""
     minutes = path_minutes()
     gyros = {
-        name: score_filter(found.gyros[name], "g")
-        for name in (OWN_PATH, FULL_STATES, DISCRETE_PROCEDURE)
+        name: trials.score_filter(found.gyros[name], "g")
+        for name in (OWN_PATH, FULL_STATES, trials.DISCRETE_PROCEDURE)
     }
     held = {
-        name: score_filter(found.accelerometers[name], "a")
-        for name in (EIGHTEEN_STATES, "full", DISCRETE_PROCEDURE)
+        name: trials.score_filter(found.accelerometers[name], "a")
+        for name in (EIGHTEEN_STATES, "full", trials.DISCRETE_PROCEDURE)
     }
     angles = {
-        of: ", ".join(
-            f"{format_significant(x.misalignment.value)}″ with {name}" for name, x in some.items()
-        )
+        of: ", ".join(f"{shown(x.misalignment.value)}″ with {name}" for name, x in some.items())
         for of, some in (("g", gyros), ("a", held))
     }
     findings = (
@@ -195,22 +191,30 @@ def time_section(found: TurntableTrials) -> study.StudySection:
             "six positions of 90 s and ±1080° at 30 °/s about the vertical in each, on the same "
             "table; by hand and without a plan it may easily take three hours"),
         TIME_TEXT.judge("gyro_as_good",
-            *rms_ratio(gyros[OWN_PATH].misalignment, gyros[DISCRETE_PROCEDURE].misalignment),
+            *rms_ratio(gyros[OWN_PATH].misalignment, gyros[trials.DISCRETE_PROCEDURE].misalignment),
             f"{angles['g']}: scale and misalignment are known better at 30 °/s than at 10 °/s"),
         TIME_TEXT.judge("accelerometer_as_good",
-            *rms_ratio(held[EIGHTEEN_STATES].misalignment, held[DISCRETE_PROCEDURE].misalignment),
+            *rms_ratio(held[EIGHTEEN_STATES].misalignment,
+                       held[trials.DISCRETE_PROCEDURE].misalignment),
             angles["a"]),
     )  # fmt: skip
-    return TIME_TEXT.section(findings, (_time_table(minutes, gyros, held),))
+    return TIME_TEXT.section(*findings, _time_table(minutes, gyros, held))
 
 
 def _time_table(
-    minutes: dict[str, float], gyros: dict[str, FilterScore], held: dict[str, FilterScore]
+    minutes: dict[str, float],
+    gyros: dict[str, trials.FilterScore],
+    held: dict[str, trials.FilterScore],
 ) -> study.StudyTable:
     ways = (
         ("source's path, 15 and 18 states", "paper", OWN_PATH, EIGHTEEN_STATES),
         ("source's path, full, whole recording", "paper", FULL_STATES, "full"),
-        ("six positions and steady rates", "discrete", DISCRETE_PROCEDURE, DISCRETE_PROCEDURE),
+        (
+            "six positions and steady rates",
+            "discrete",
+            trials.DISCRETE_PROCEDURE,
+            trials.DISCRETE_PROCEDURE,
+        ),
     )
     rows = [
         (words, format_all((minutes[path], *gyros[one][:3], *held[other][:3])))
@@ -221,3 +225,128 @@ def _time_table(
     return study.StudyTable(
         "Duration, and RMS errors of the gyros and accelerometers", "way", heads, rows
     )
+
+
+STATES_TEXT = study.read_section_text("inercal.studies.turntable", "states")
+_UNITS = {
+    "g": {"bias": "°/min", "scale": "ppm", "misalignment": "″"},
+    "a": {"bias": "µg", "scale": "ppm", "misalignment": "″"},
+}
+_HEADS = ("bias", "scale, ppm", "misalignment, ″", "NEES", "its error")
+
+
+def states_section(found: trials.TurntableTrials) -> study.StudySection:
+    """Build the section about the filter states."""
+    findings: list[ClaimResult] = []
+    for of, runs, name, better in (
+        ("g", found.gyros, OWN_PATH, FULL_STATES),
+        ("a", found.accelerometers, EIGHTEEN_STATES, "full"),
+    ):
+        one, other = trials.nees(runs[name]), trials.nees(runs[better])
+        findings.append(
+            STATES_TEXT.judge(f"know_{of}", *one,
+                "squared errors over stated variances, 1 if these are correct; with the table's "
+                f"errors as states it is {shown(other.value)} ± {shown(other.u, 1)}")
+        )  # fmt: skip
+    gyros = (*trials.GYRO_RUNS, trials.TURNS_BOTH_WAYS, trials.DISCRETE_PROCEDURE)
+    held = (*trials.ACCELEROMETER_RUNS, trials.DISCRETE_PROCEDURE)
+    return STATES_TEXT.section(
+        *findings,
+        _states_table("Gyros: RMS of the errors, bias in °/min", gyros, found.gyros, "g"),
+        _states_table("Accelerometers: RMS of the errors, bias in µg", held,
+                      found.accelerometers, "a"),
+        _states_chart(found, "g", (OWN_PATH, FULL_STATES)),
+         _states_chart(found, "a", (EIGHTEEN_STATES, "full")),
+    )  # fmt: skip
+
+
+def _states_table(
+    title: str, names: Sequence[str], runs: dict[str, list[trials.FilterErrors]], of: str
+) -> study.StudyTable:
+    scores = {name: trials.score_filter(runs[name], of) for name in names}
+    rows = [(name, [*format_all(one[:4]), shown(one.nees.u, 1)]) for name, one in scores.items()]
+    return study.StudyTable(title, "filter", _HEADS, rows)
+
+
+def _states_chart(found: trials.TurntableTrials, of: str, names: tuple[str, str]) -> study.Chart:
+    runs = found.gyros if of == "g" else found.accelerometers
+    panels: list[study.StudyPanel] = []
+    for kind in trials.COEFFICIENT_KINDS:
+        lines: list[study.Curve] = []
+        for name in names:
+            lines += _convergence_curves(
+                runs[name], kind, of, name.partition(",")[0].partition(" ")[0]
+            )
+        panels.append(study.StudyPanel("", "min", f"{kind}, {_UNITS[of][kind]}", lines))
+    return study.Chart(
+        f"convergence-{of}",
+        f"RMS error of the {_SENSOR_NAMES[of]}s over the devices, and the RMS that the filter "
+        "states, against time. If the error stays above the stated value, the filter is "
+        "overconfident. Filters are named by their number of states; the gyros' filter with 15 "
+        "begins with the first turn.",
+        panels,
+    )
+
+
+def _convergence_curves(
+    found: Sequence[trials.FilterErrors], kind: trials.CoefficientKind, of: str, name: str
+) -> list[study.Curve]:
+    at, size = trials.coefficient_indices(kind), trials.printed_unit_size(kind, of)
+    traces = [one.trace for one in found if one.trace]
+    error, stated = (
+        np.sqrt((np.array(x)[..., at] ** 2).mean(axis=(0, 2))) / size
+        for x in ([one.error for one in traces], [one.std for one in traces])
+    )
+    time = traces[0].time / 60
+    return [study.Curve(name, time, error), study.Curve(f"{name}, stated", time, stated)]
+
+
+FAILURES_TEXT = study.read_section_text("inercal.studies.turntable", "failures")
+_FAILURE_ROWS = (
+    OWN_PATH,
+    trials.OPEN_LOOP,
+    trials.G_SENSITIVE_OWN_PATH,
+    trials.G_SENSITIVE_FULL,
+    trials.G_SENSITIVE_MODELLED,
+    trials.DELAYED_15_STATES,
+    trials.DELAYED_19_STATES,
+)
+
+
+def failures_section(found: trials.TurntableTrials) -> study.StudySection:
+    """Build the section about the failures."""
+    result = {name: trials.score_filter(runs, "g") for name, runs in found.gyros.items()}
+    lost, own = result[trials.OPEN_LOOP], result[OWN_PATH]
+    sensed, modelled = result[trials.G_SENSITIVE_OWN_PATH], result[trials.G_SENSITIVE_MODELLED]
+    late, delayed = result[trials.DELAYED_15_STATES], result[trials.DELAYED_19_STATES]
+    findings = (
+        FAILURES_TEXT.judge("fed_back", *lost.largest_axis["misalignment"],
+            f"without feedback, a raw bias of 0.3 °/s rotates the attitude until the first-order "
+            f"equations no longer hold; with feedback the error is "
+            f"{shown(own.largest_axis['misalignment'].value)}″"),
+        FAILURES_TEXT.judge("ends", float(max(found.decided_at_ends)), 0.0,
+            "after whole turns the effects of misalignments cancel, so none of the six can be "
+            "determined; attitudes must be compared continuously"),
+        FAILURES_TEXT.judge("enough", *sensed.largest_axis["misalignment"],
+            f"the bias error is {shown(sensed.bias.value)} °/min and the NEES "
+            f"{shown(sensed.nees.value)}; with nine more states and the whole recording the "
+            f"misalignment error is {shown(modelled.largest_axis['misalignment'].value)}″"),
+        FAILURES_TEXT.judge("on_time", *late.largest_axis["misalignment"],
+            f"the NEES is {shown(late.nees.value)}; if the delay is a state, the "
+            f"error is {shown(delayed.largest_axis['misalignment'].value)}″"),
+    )  # fmt: skip
+    return FAILURES_TEXT.section(
+        *findings,
+        _failures_table(result),
+        latency_ms=LATENCY / 1e-3,
+        rest=shown(result[trials.REST_ALONE].bias.value),
+        alone=shown(result[NINETEEN_STATES].bias.value),
+        both=shown(result[trials.TURNS_BOTH_WAYS].bias.value),
+        whole=shown(result[FULL_STATES].bias.value),
+    )
+
+
+def _failures_table(made: dict[str, trials.FilterScore]) -> study.StudyTable:
+    rows = [(name, format_all(made[name][:4])) for name in _FAILURE_ROWS]
+    return study.StudyTable("Gyros: RMS of the errors if an effect is not modelled", "filter",
+                 ("bias, °/min", "scale, ppm", "misalignment, ″", "NEES"), rows)  # fmt: skip
