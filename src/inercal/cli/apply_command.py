@@ -173,10 +173,11 @@ def unreliable_text(calibration: "Calibration") -> list[str]:
 
 
 def assumed_zero_texts(calibration: "Calibration") -> list[str]:
-    """Return what is assumed about the motion that the axes of a sensor do not measure."""
+    """Return what is assumed about errors and motion that were not or cannot be measured."""
+    from inercal.export.term_kinds import undetermined_texts
     from inercal.physics.quantities import QUANTITIES
 
-    return [
+    return undetermined_texts(calibration.sensor) + [
         f"The {one.name} across the axes is not measured and was assumed to be zero."
         for one in QUANTITIES.values()
         if 0 < calibration.sensor.rank(one.symbol) < len("xyz")

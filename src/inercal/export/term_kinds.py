@@ -12,10 +12,11 @@
 | temperature_rate | with the rate of the temperature |
 """
 
+from collections.abc import Collection, Mapping
 from typing import Literal
 
 from inercal.basics.keys import CoefficientName
-from inercal.physics.quantities import Measures
+from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
@@ -30,6 +31,7 @@ TermKind = Literal[
     "temperature_rate",
 ]
 LINEAR: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment", "g"})
+UNDETERMINED: tuple[TermKind, ...] = ("bias", "scale")  # without them, a reading has no meaning
 # Derivatives are not part of any sensor reading, so no target supports them.
 DERIVATIVES: dict[TermKind, str] = {
     "angular_acceleration": "angular acceleration",
@@ -71,6 +73,44 @@ def term_kind(measures: Measures, term: ErrorTerm) -> TermKind:
 def temperature_order(term: ErrorTerm) -> int:
     """Return the power of temperature in a term of kind "bias_temperature"."""
     return term.basis.degree("dT")
+
+
+def undetermined(
+    sensor: Sensor, holds: Mapping[Measures, Collection[str]]
+) -> dict[tuple[Measures, TermKind], tuple[str, ...]]:
+    """Return the axes whose bias or scale factor a target states, but the calibration does not.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The sensor of the calibration; axes that complete its triads are not part of it.
+    holds : mapping of "f", "w" or "m" to collection of TermKind
+        The terms that the target states.
+    """
+    found: dict[tuple[Measures, TermKind], tuple[str, ...]] = {}
+    stated = {
+        (CoefficientName(full).axis, kind)
+        for full, (_, kind, _) in zip(sensor.coefficients, kinds_of(sensor), strict=True)
+    }
+    for measures, terms in holds.items():
+        axes = [axis.name for axis in sensor.axes if axis.measures == measures]
+        for kind in UNDETERMINED:
+            without = tuple(name for name in axes if (name, kind) not in stated)
+            if kind in terms and without:
+                found[measures, kind] = without
+    return found
+
+
+def undetermined_texts(
+    sensor: Sensor, holds: Mapping[Measures, Collection[str]] | None = None
+) -> list[str]:
+    """Say which biases and scale factors the calibration does not determine."""
+    every = dict.fromkeys(QUANTITIES, UNDETERMINED) if holds is None else holds
+    return [
+        f"the calibration does not determine the {WORDS[kind]} of {', '.join(names)}: its nominal "
+        "value is assumed, and its error is not included in U"
+        for (_, kind), names in undetermined(sensor, every).items()
+    ]
 
 
 def kinds_of(sensor: Sensor) -> tuple[tuple[Measures, TermKind, int], ...]:
