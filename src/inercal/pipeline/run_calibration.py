@@ -315,7 +315,7 @@ def calibrate_run(
         "symmetric" if sensor.frame == "symmetric" else run.method.frame(run.bench),
         verdict=judged,
         shared=shared_errors(run, estimate, expected, p),
-        validity=validity(run.sensor, inputs),
+        validity=validity(run, inputs),
         job=run.job,
         conformity=None
         if run.specification is None
