@@ -243,8 +243,8 @@ def check_rounding(parts: Sequence[Array], channel: str, source: str) -> tuple[s
             file=source or None,
             names=(channel,),
         )
-    if ratio < WARNED:
-        times = np.sqrt(1 + 1 / (12 * ratio**2))  # rounding adds its variance, step²/12
+    times = np.sqrt(1 + 1 / (12 * ratio**2))  # rounding adds its variance, step²/12
+    if ratio < WARNED or times - 1 > 1 / np.sqrt(2 * sum(map(len, parts))):  # the latter is u(N)/N
         text = (
             f"the noise is only {ratio:.2g} rounding steps, so N may be {times:.2f} times too large"
         )

@@ -147,6 +147,7 @@ def _fitted(
         inputs.steps,
         recorded=inputs.recording is not None,
         by_hand=run.method.unknown_attitudes,
+        own_tilts=any(n.startswith("tilt") and n.endswith(" (2)]") for n in estimate.names),
     )
     findings += tuple(wrong_latitude_sign(estimate, sensor, getattr(bench, "latitude", None)))
     findings = merge_findings(findings)
