@@ -94,9 +94,9 @@ def test_impossible_conditions_are_refused(changed, words):
 def test_a_dip_of_the_wrong_sign_is_refused_like_a_wrong_hemisphere():
     rng = np.random.default_rng(1)
     data = rests(rng, sim.scattered(rng, 24))
-    for stated in ({"hemisphere": None, "dip": Measured(-1.0, 0.01)}, {"hemisphere": "south"}):
+    for hemisphere, dip in ((None, Measured(-1.0, 0.01)), ("south", None)):
         with pytest.raises(InputError, match="northern") as refused:
-            fit(data, **stated)
+            fit(data, hemisphere=hemisphere, dip=dip)
         assert refused.value.key == "[bench] latitude"
 
 

@@ -25,7 +25,7 @@ from inercal.export.header import feed_text, header_lines
 from inercal.export.model import export_model
 from inercal.export.ranges import Range, calibrated_ranges
 from inercal.export.target_definition import Request, Target, resolve_options
-from inercal.export.term_kinds import undetermined, undetermined_texts
+from inercal.export.term_kinds import undetermined
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 
 TARGETS: Registry[Target] = Registry(
@@ -193,9 +193,10 @@ def export_calibration(
     if rendering.possible is not None:
         samples = possible_samples(model, samples, rendering.possible)
     holds = target.holds if rendering.holds is None else rendering.holds
-    texts = undetermined_texts(calibration.sensor, holds)
+    missing = undetermined(calibration.sensor, holds)
+    texts = tuple(missing.values())
     lost = losses(model, samples, target, rendering)
-    unknown = {k for k, kind in undetermined(calibration.sensor, holds) if kind == "bias"}
+    unknown = {measures for measures, kind in missing if kind == "bias"}
     cost = tuple(
         replace(one, expanded=nan) if one.measures in unknown else one
         for one in costs(model, samples, rendering.correct)
@@ -229,7 +230,7 @@ def export_calibration(
         header,
         unmeasured,
         left_out,
-        tuple(texts),
+        texts,
         rendering.place,
         rendering.beside,
     )

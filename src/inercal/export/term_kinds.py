@@ -13,10 +13,11 @@
 """
 
 from collections.abc import Collection, Mapping
+from itertools import product
 from typing import Literal
 
 from inercal.basics.keys import CoefficientName
-from inercal.physics.quantities import QUANTITIES, Measures
+from inercal.physics.quantities import KINDS, Measures
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
@@ -76,41 +77,26 @@ def temperature_order(term: ErrorTerm) -> int:
 
 
 def undetermined(
-    sensor: Sensor, holds: Mapping[Measures, Collection[str]]
-) -> dict[tuple[Measures, TermKind], tuple[str, ...]]:
-    """Return the axes whose bias or scale factor a target states, but the calibration does not.
+    sensor: Sensor, holds: Mapping[str, Collection[str]] | None = None
+) -> dict[tuple[Measures, TermKind], str]:
+    """Say which biases and scale factors the calibration of a sensor does not determine.
 
-    Parameters
-    ----------
-    sensor : Sensor
-        The sensor of the calibration; axes that complete its triads are not part of it.
-    holds : mapping of "f", "w" or "m" to collection of TermKind
-        The terms that the target states.
+    `holds` restricts this to the terms that a target states.
     """
-    found: dict[tuple[Measures, TermKind], tuple[str, ...]] = {}
     stated = {
         (CoefficientName(full).axis, kind)
         for full, (_, kind, _) in zip(sensor.coefficients, kinds_of(sensor), strict=True)
     }
-    for measures, terms in holds.items():
+    found: dict[tuple[Measures, TermKind], str] = {}
+    for measures, kind in product(KINDS, UNDETERMINED):
         axes = [axis.name for axis in sensor.axes if axis.measures == measures]
-        for kind in UNDETERMINED:
-            without = tuple(name for name in axes if (name, kind) not in stated)
-            if kind in terms and without:
-                found[measures, kind] = without
+        without = ", ".join(name for name in axes if (name, kind) not in stated)
+        if without and (holds is None or kind in holds.get(measures, ())):
+            found[measures, kind] = (
+                f"the calibration does not determine the {WORDS[kind]} of {without}: its nominal "
+                "value is assumed, and its error is not included in U"
+            )
     return found
-
-
-def undetermined_texts(
-    sensor: Sensor, holds: Mapping[Measures, Collection[str]] | None = None
-) -> list[str]:
-    """Say which biases and scale factors the calibration does not determine."""
-    every = dict.fromkeys(QUANTITIES, UNDETERMINED) if holds is None else holds
-    return [
-        f"the calibration does not determine the {WORDS[kind]} of {', '.join(names)}: its nominal "
-        "value is assumed, and its error is not included in U"
-        for (_, kind), names in undetermined(sensor, every).items()
-    ]
 
 
 def kinds_of(sensor: Sensor) -> tuple[tuple[Measures, TermKind, int], ...]:
