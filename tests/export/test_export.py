@@ -21,6 +21,7 @@ from tests.program import run_program
 from tests.refusals import refused
 
 import inercal
+from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration.files import calibration_object
 from inercal.cli.export_command import cost_lines, default_path
@@ -330,3 +331,36 @@ def test_a_file_of_one_triad_says_what_it_gives_in_one_unit(
         lines = [line for line in cost_lines(made) if kind.name in line]
         units = set(re.findall(r"[\d.]+ ([^\s,;()]*[g°][^\s,;()]*)", " ".join(lines)))
         assert len(units) == 1, lines
+
+
+# What a temperature ramp at rest determines.
+RAMP = ("k0_dT", "k0_dT2", "gx.bias", "gy.bias", "gz.bias", "bias_dT")
+
+
+@pytest.mark.parametrize(
+    ("to", "kept", "written"),
+    [
+        ("px4", ("CAL_ACC0_XOFF", "CAL_ACC0_XSCALE"), ("TC_A0_X1_0", "CAL_GYRO0_XOFF")),
+        ("ardupilot", ("INS_ACCOFFS_X", "INS_ACCSCAL_X"), ("INS_TCAL1_ACC1_X", "INS_GYROFFS_X")),
+        ("inav", ("acczero_x", "accgain_x"), ("gyro_zero_x",)),
+    ],
+)
+def test_a_board_keeps_what_a_calibration_does_not_determine(
+    to: str, kept: tuple[str, ...], written: tuple[str, ...]
+):
+    made = export_calibration(make_calibration(*RAMP), to, options=OPTIONS.get(to))
+    assert not any(name in made.text for name in kept)
+    assert all(name in made.text for name in written)
+
+
+@pytest.mark.parametrize("to", ["px4", "c", "csv", "vectornav", "inav"])
+def test_no_u_is_stated_for_a_kind_whose_bias_is_not_determined(to: str):
+    ramp = make_calibration(*RAMP)
+    made = export_calibration(ramp, to, options=OPTIONS.get(to))
+    assert any("bias of ax, ay, az" in text for text in made.undetermined)
+    assert {one.measures: one.expanded > 0 for one in made.costs} == {"f": False, "w": True}
+    assert "NOT calibrated" in made.text
+    with pytest.raises(InputError, match="bias of ax, ay, az"):
+        export_calibration(ramp, to, options=OPTIONS.get(to), lossless=True)
+    whole = export_calibration(make_calibration(), to, options=OPTIONS.get(to))
+    assert not whole.undetermined

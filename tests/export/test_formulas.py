@@ -53,8 +53,10 @@ def px4(text: str, seen: Readings) -> Array:
         x = np.array([[p[f"{stem}X{k}_{a}"] for a in range(3)] for k in range(4)])
         return ((x[3] * d[:, None] + x[2]) * d[:, None] + x[1]) * d[:, None] + x[0]
 
-    off, scale = ([p[f"CAL_ACC0_{a}{what}"] for a in "XYZ"] for what in ("OFF", "SCALE"))
-    turn = [p[f"CAL_GYRO0_{a}OFF"] for a in "XYZ"]
+    # A new board has the defaults of the parameters that the file leaves out.
+    off = [p.get(f"CAL_ACC0_{a}OFF", 0.0) for a in "XYZ"]
+    scale = [p.get(f"CAL_ACC0_{a}SCALE", 1.0) for a in "XYZ"]
+    turn = [p.get(f"CAL_GYRO0_{a}OFF", 0.0) for a in "XYZ"]
     f = (seen.output[:, :3] - thermal("A") - off) * np.array(scale)
     return np.hstack([f, seen.output[:, 3:] - thermal("G") - turn])
 
@@ -74,8 +76,9 @@ def ardupilot(text: str, seen: Readings) -> Array:
 
         return polynomial(seen.celsius) - polynomial(np.array([p[f"INS_{word}1_CALTEMP"]]))
 
-    off, scale = ([p[f"INS_ACC{what}_{a}"] for a in "XYZ"] for what in ("OFFS", "SCAL"))
-    turn = [p[f"INS_GYROFFS_{a}"] for a in "XYZ"]
+    off = [p.get(f"INS_ACCOFFS_{a}", 0.0) for a in "XYZ"]
+    scale = [p.get(f"INS_ACCSCAL_{a}", 1.0) for a in "XYZ"]
+    turn = [p.get(f"INS_GYROFFS_{a}", 0.0) for a in "XYZ"]
     assert p["INS_GYR_CAL"] == 0
     f = (seen.output[:, :3] - thermal("ACC") - off) * np.array(scale)
     return np.hstack([f, seen.output[:, 3:] - thermal("GYR") - turn])

@@ -125,6 +125,23 @@ def test_noise_that_is_not_cut_off_piles_up_nowhere(noise: float, step: float):
     assert [clipping_values(rests(noise, step, seed)) for seed in range(20)] == [()] * 20
 
 
+@pytest.mark.parametrize("cut", [0.0, 1.0, 2.0])
+def test_noise_of_two_steps_cut_off_at_one_end_is_found_at_each_height(cut: float):
+    for seed in range(10):
+        x = np.random.default_rng(seed).normal(scale=2.1, size=90_000) + 0.1 * seed
+        end = float(np.round(0.1 * seed + 2.1 * cut))
+        assert clipping_values(np.minimum(np.round(x), end)) == (end,)
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.3, 0.7, 1.0, 2.1, 5.0])
+def test_coarse_healthy_noise_with_slow_motion_piles_up_nowhere(noise: float):
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        x = rng.normal(scale=noise, size=6000) + np.linspace(0, 3 * (seed % 3), 6000)
+        x += (seed % 2) * 0.02 * noise * np.cumsum(rng.normal(size=6000)) + seed / 40
+        assert clipping_values(np.round(x)) == ()
+
+
 def test_a_run_of_half_of_the_samples_is_found_wherever_it_is():
     x = RNG.normal(size=1000)
     assert longest_constant_run(x) is None

@@ -90,8 +90,19 @@ def test_impossible_conditions_are_refused(changed, words):
 def test_a_dip_of_the_wrong_sign_is_refused_like_a_wrong_hemisphere():
     rng = np.random.default_rng(1)
     data = rests(rng, sim.scattered(rng, 24))
-    with pytest.raises(InputError, match="left-handed"):
-        fit(data, hemisphere=None, dip=Measured(-1.0, 0.01))
+    for hemisphere, dip in ((None, Measured(-1.0, 0.01)), ("south", None)):
+        with pytest.raises(InputError, match="northern") as refused:
+            fit(data, hemisphere=hemisphere, dip=dip)
+        assert refused.value.key == "[bench] latitude"
+
+
+def test_a_stated_noise_that_hides_the_field_is_named_before_the_attitudes():
+    rng = np.random.default_rng(1)
+    data = rests(rng, sim.scattered(rng, 24))
+    data.sigma_m = 1e3 * data.sigma_m
+    with pytest.raises(InputError) as refused:
+        fit(data)
+    assert refused.value.key == "[sensor.magnetometer] white"
 
 
 def test_stated_axes_in_a_plane_are_refused():

@@ -29,17 +29,24 @@ Array = NDArray[np.float64]
 METHOD = METHODS["multi_position"]
 
 
-def calibrated(ups: Array, also: Sequence[str] = (), **session: float) -> Estimate:
+def calibrated(ups: Array, also: Sequence[str] = (), gz: float = 1.0, **session: float) -> Estimate:
     rng = np.random.default_rng(5)
     made = record(mems(rng), Session(**session), rng, ups=ups)  # type: ignore[arg-type]
     sensor = METHOD.prepare(imu(), also=also)
     units = ("m/s²",) * 3 + ("rad/s",) * 3
-    recording = Recording(made.time, made.data[0], sensor.channels, units)
+    data = made.data[0] * [1, 1, 1, 1, 1, gz]
+    recording = Recording(made.time, data, sensor.channels, units)
     marks = [Mark(f"r{k:02d}", a + 10, b - 10) for k, (a, b) in enumerate(made.rests)]
     seen = average_sections(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
     seen = replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
     bench = Hand(Measured(9.81, 1e-3))
     return METHOD.estimator("")(seen, sensor, bench, holds_from_observations(seen, sensor))
+
+
+def test_one_gyro_in_another_unit_is_named_before_attitudes_to_add():
+    with pytest.raises(NotObserved) as refusal:
+        calibrated(directions(24, np.random.default_rng(0)), gz=np.radians(1))
+    assert str(refusal.value).startswith("gz changes ")
 
 
 def test_eight_rests_are_too_few_for_nine_coefficients():

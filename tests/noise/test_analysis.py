@@ -69,8 +69,11 @@ def test_readings_rounded_to_coarse_steps_are_refused_below_0_4_and_named_below_
     middle = inercal.analyse_noise(recording(np.round(y * 0.6), 0.01), terms="N", kinds=())
     # The rounding adds a variance of 1/12: N is √(1 + 1/(12 · 0.36)) times too large.
     assert any("1.11 times too large" in text for text in middle.channels[0].remarks)
+    # At 2 steps it adds 1 %, and u(N) of 20 000 samples is 0.5 %.
     finer = inercal.analyse_noise(recording(np.round(y * 2), 0.01), terms="N", kinds=())
-    assert not any("rounding" in text for text in finer.channels[0].remarks)
+    assert any("adds 1 % to N" in text for text in finer.channels[0].remarks)
+    finest = inercal.analyse_noise(recording(np.round(y * 5), 0.01), terms="N", kinds=())
+    assert not any("rounding" in text for text in finest.channels[0].remarks)
 
 
 def test_fewer_than_64_samples_are_refused():

@@ -14,6 +14,7 @@ from inercal.basics.errors import InputError
 from inercal.noise.pieces import Part, gap_oadev
 from inercal.noise.sensor_noise import require_stated
 from inercal.recordings import Recording
+from inercal.recordings.io.audit import audit
 
 STEP = 40.0  # °/h
 
@@ -151,3 +152,18 @@ def test_a_warm_up_is_suspected_and_a_random_walk_is_not():
 def test_random_walks_rarely_look_like_a_warm_up():
     # 99.9 % of a binomial of 200 with 1 %.
     assert warm_ups_suspected(0.0, range(9000, 9200)) <= 8
+
+
+@pytest.mark.parametrize("what", ["stuck", "saturation"])
+def test_the_noise_of_a_stuck_or_clipped_channel_is_not_to_be_relied_on(what: str):
+    x = np.round(np.random.default_rng(5).normal(scale=2.1, size=(20_000, 2)))
+    if what == "stuck":
+        x[9000:11_000, 1] = x[9000, 1]
+    else:
+        x[:, 1] = np.minimum(x[:, 1], 2.0)
+    time = np.arange(20_000) / 50
+    audited = audit(Recording(time, 1e-3 * x, ("gx", "gy"), ("rad/s",) * 2))
+    found = inercal.analyse_noise(audited, terms="N", kinds=())
+    assert [bool(one.disturbed) for one in found.channels] == [False, True]
+    with pytest.raises(InputError, match="gy"):
+        require_stated(found)

@@ -16,7 +16,7 @@ from tests.program import run_program
 from inercal.basics.errors import InputError
 from inercal.laboratory.store import Register
 from inercal.noise import analyse_noise
-from inercal.noise.data_sheet import compare_with_sheet, noise_bandwidth
+from inercal.noise.data_sheet import SheetComparison, compare_with_sheet, noise_bandwidth
 from inercal.noise.deviations import deviations
 from inercal.recordings import Recording
 from inercal.runfile.noise_data_sheet import read_noise_data_sheet
@@ -318,3 +318,15 @@ def test_the_page_shows_the_example_and_states_its_numbers():
     rms = sheet.coefficient("accelerometer", "N")
     assert rms is not None
     assert rms.mean == pytest.approx(1.2e-3 * G0 / (np.pi * 50) ** 0.5)
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "limit", "holds"),
+    [(0.9, 0.05, None, "yes"), (0.95, 0.05, None, "open"), (1.05, 0.05, None, "open"),
+     (1.1, 0.05, None, "no"), (0.0, np.inf, 0.9, "yes"), (0.0, np.inf, 1.1, "open"),
+     (0.0, np.inf, None, "open")],
+)  # fmt: skip
+def test_a_value_is_compared_with_its_limit_at_95_percent(
+    value: float, u: float, limit: float | None, holds: str
+):
+    assert SheetComparison("gx", "gyro", "N", value, u, limit, 1.0).holds == holds

@@ -40,6 +40,21 @@ def values(channel: dict[str, object]) -> dict[str, float]:
     return {one["symbol"]: one["value_in_unit"] for one in coefficients}
 
 
+@pytest.mark.slow
+def test_a_channel_that_stays_constant_for_a_while_is_not_stored(folder: Path):
+    table = np.loadtxt(folder / "log.csv", delimiter=",", skiprows=1)
+    table[1500:2100, 5] = table[1500, 5]
+    log, head = folder / "stuck.csv", "time,ax,ay,az,gx,gy,gz"
+    np.savetxt(log, table, "%.9g", ",", header=head, comments="")
+    done = run_program("noise", log, "--set", UNIT, *TERMS, "--json")
+    channels = {one["channel"]: one for one in json.loads(done.output)["channels"]}
+    assert [name for name, one in channels.items() if one["disturbed"]] == ["gy"]
+    assert not channels["gy"]["disturbances"]
+    asked = ("--to", "kalibr", "--skip-disturbed", "--out", folder / "none")
+    assert run_program("noise", log, "--set", UNIT, *TERMS, *asked).status == 2
+    assert not (folder / "none").exists()
+
+
 @pytest.fixture(scope="module")
 def written(folder: Path) -> tuple[Path, dict[str, dict[str, object]]]:
     """Analyse the log once and write all files; return their folder and what was printed."""

@@ -337,3 +337,55 @@ def test_the_grade_does_not_depend_on_whether_advice_is_tried():
     assert tried.suspect is not None
     assert plain.suspect.name == tried.suspect.name
     assert [one.chi2 for one in plain.advice] != [one.chi2 for one in tried.advice]
+
+
+SIX_FACES = """
+[sensor]
+name = "imu"
+[sensor.accelerometer]
+unit = "m/s²"
+bias_instability = "1 µg"
+[bench]
+gravity = "9.81 m/s² ± 0.1 mm/s²"
+tilt = "0.3 °"
+[data]
+file = "faces.csv"
+rate = "10 Hz"
+accelerometer = ["ax", "ay", "az"]
+label = "label"
+marks = "labels"
+[method]
+name = "six_position"
+"""
+
+
+def six_faces(folder: Path, *labels: str) -> Outcome:
+    """Calibrate from level rests whose labels begin with the face."""
+    rng = np.random.default_rng(3)
+    rows = ["ax,ay,az,label"]
+    for label in labels:
+        k, sign = "xyz".index(label[0]), 1 if label[2] == "p" else -1
+        force = 9.81 * sign * np.eye(3)[k]
+        for values in force + 1e-3 * rng.standard_normal((100, 3)):
+            rows.append(",".join(f"{x:.6f}" for x in values) + f",{label}")
+    (folder / "faces.csv").write_text("\n".join(rows))
+    (folder / "faces.toml").write_text(SIX_FACES)
+    return calibrate(folder / "faces.toml")
+
+
+FACES = ("x_p", "x_a", "y_p", "y_a", "z_p", "z_a")
+
+
+def test_a_label_that_resembles_a_step_warns_and_another_one_does_not(tmp_path: Path):
+    found = six_faces(tmp_path, *FACES, "y_p2")
+    assert "label" in found.verdict.warned
+    assert any("y_p2" in line for line in found.verdict)
+    assert "label" not in six_faces(tmp_path, *FACES).verdict.warned
+
+
+def test_visits_that_agree_better_than_their_tilts_do_not_make_u_too_large(tmp_path: Path):
+    again = [f"{face} ({visit})" for visit in (2, 3) for face in FACES]
+    found = six_faces(tmp_path, *FACES, *again)
+    (noise,) = found.verdict.noise
+    assert noise.what == "shared tilts"
+    assert noise.factor > 1

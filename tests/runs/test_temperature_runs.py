@@ -1,5 +1,6 @@
 """Run files with a column of temperature: from tables and recordings to a calibration in use."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from tests.refusals import refused
 
 import inercal
 from inercal.basics.errors import InputError, NotObserved
+from inercal.calibration.files import save
 from inercal.pipeline import Outcome, apply, calibrate
 from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
 from inercal.runfile import read
@@ -183,3 +185,32 @@ def test_a_budget_of_a_plan_has_no_temperatures(tmp_path: Path):
     with refused(InputError) as refusal:
         experiment_from_run(read(run))
     assert "ax.k0_dT" in str(refusal.value)
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_temperature_coefficients_from_a_prior_are_valid_over_the_temperatures_of_its_data(
+    tmp_path: Path, apart: bool
+):
+    text, rows = (
+        (EXAMPLE / name).read_text().splitlines(keepends=True)
+        for name in ("soaks.toml", "soaks.csv")
+    )
+    (tmp_path / "soaks.csv").write_text("".join(rows))
+    (tmp_path / "soaks.toml").write_text("".join(text))
+    soaks = calibrate(tmp_path / "soaks.toml").calibration
+    assert soaks.validity is not None
+    if apart:
+        soaks = replace(soaks, validity=replace(soaks.validity, temperature=(262.0, 264.0)))
+    save(soaks, tmp_path / "soaks.calibration.json")
+    taken = [name for name in soaks.sensor.coefficients if name.endswith("_dT")]
+    section = "".join(f'"{name}" = "{name}"\n' for name in taken)
+    (tmp_path / "room.csv").write_text("".join([*rows[:3], *rows[9:15]]))
+    (tmp_path / "room.toml").write_text(
+        "".join(text).replace("soaks.csv", "room.csv")
+        + f'[method.prior_from."soaks.calibration.json"]\n{section}'
+    )
+    found = calibrate(tmp_path / "room.toml").calibration.validity
+    assert found is not None
+    assert found.temperature is not None
+    expected = [19.78, 20.22] if apart else [-10.49, 50.52]
+    assert np.subtract(found.temperature, 273.15) == pytest.approx(expected)

@@ -26,9 +26,9 @@ from inercal.calibration.grade import NO_SINGLE_CAUSE, Assessment, assess
 from inercal.calibration.verdict import verdict
 from inercal.estimation import Candidate, Estimate, Problem, least_squares
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL, CandidateKind
-from inercal.methods import METHODS
+from inercal.methods import METHODS, Fit
 from inercal.methods.centrifuge_norm import ml
-from inercal.methods.temperature_ramp import ramp, rest
+from inercal.methods.temperature_ramp import ramp, remarks, rest
 from inercal.physics.sensors import imu, triad
 from inercal.pipeline import Outcome
 from inercal.recordings import Mark, Recording
@@ -279,6 +279,33 @@ def test_a_warm_up_on_a_ramp_is_named_with_its_key():
             ("environment", "kind"),
             ("environment", "warm_up"),
         ]
+
+
+def sudden(made: ramps.Ramp) -> list[str]:
+    """Return the findings on a sudden change in a ramp."""
+    sensor, bench = temperature_ramps.gyro(), Hand(Measured(9.81, 1e-4))
+    seen = temperature_ramps.observed(made)
+    estimate = ramp(seen, sensor, bench, rest())
+    found = remarks(Fit("", sensor, bench, seen, rest(), (), estimate)).findings
+    return [one.message for one in found if one.what == "sudden change"]
+
+
+def test_a_jump_on_a_ramp_is_named_and_a_good_ramp_has_none():
+    for seed in range(3):
+        profile = ramps.PROFILES["up and down, 2 × 30 min"]()
+        made = ramps.record(np.random.default_rng([seed, 9]), profile)
+        assert sudden(made) == []
+        late = made.time > 1300 + 300 * seed
+        assert len(sudden(replace(made, reading=made.reading + 200 * ramps.DEG_H * late))) == 1
+
+
+@pytest.mark.slow
+def test_a_thermometer_that_truncates_toward_zero_is_named():
+    profile = ramps.PROFILES["up and down, 2 × 30 min"]()
+    made = ramps.record(np.random.default_rng(9), profile)
+    celsius = made.recorded - ramps.ZERO
+    assert sudden(replace(made, recorded=np.round(celsius) + ramps.ZERO)) == []
+    assert sudden(replace(made, recorded=np.trunc(celsius) + ramps.ZERO)) != []
 
 
 @pytest.mark.evidence

@@ -63,6 +63,8 @@ GRADE_WORDS: dict[Grade, str] = {
     "unreliable": "not to be relied on",
 }
 GRADE_TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "unreliable": "bad"}
+SHARED_TILTS = "shared tilts"
+"""Kind of a finding on small residuals that equal tilts at each visit to a face would explain."""
 NO_SINGLE_CAUSE = "no single cause explains the residuals"
 _MAX_SCATTER = 2.0  # times the stated scatter
 _SEVERAL = 10  # degrees of freedom; fewer means do not show a scatter
@@ -131,7 +133,8 @@ class NoiseFactor(NamedTuple):
     Parameters
     ----------
     what : str
-        Kind of finding: "noise" for the sensor noise, "residuals" for noise and bench together.
+        Kind of finding: "noise" for the sensor noise, "residuals" for noise and bench together,
+        or "shared tilts" if equal tilts at each visit may explain it.
     channel : str or None
         The axis for which this is most significant; None for all axes.
     factor : float

@@ -37,6 +37,7 @@ from inercal.calibration.explanation import (
 )
 from inercal.calibration.grade import (
     NO_SINGLE_CAUSE,
+    SHARED_TILTS,
     Assessment,
     Verdict,
     assess,
@@ -197,8 +198,9 @@ def verdict(
         size = f"χ² = {chi2_text(tests.chi2)} with {degrees_of_freedom(tests.dof)}"
         why = f"the residuals are not random ({size})"
     if not graded.reasons and (factor := _noise_factor(findings)):
-        word = f"{word}, but U is too large"
         why = f"the residuals are {factor} times smaller than noise and bench imply"
+        shared = any(one.what == SHARED_TILTS for one in findings)
+        word, why = word + ", but U is too large" * (not shared), why + ": state placement" * shared
     cause = next(iter(far.values()), known)
     named = cause_line(assessment, sensor, expected)
     lines = (

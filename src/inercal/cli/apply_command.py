@@ -168,10 +168,11 @@ def unreliable_text(calibration: "Calibration") -> list[str]:
 
 
 def assumed_zero_texts(calibration: "Calibration") -> list[str]:
-    """Return what is assumed about the motion that the axes of a sensor do not measure."""
+    """Return what is assumed about errors and motion that were not or cannot be measured."""
+    from inercal.export.term_kinds import undetermined
     from inercal.physics.quantities import QUANTITIES
 
-    return [
+    return list(undetermined(calibration.sensor).values()) + [
         f"The {one.name} across the axes is not measured and was assumed to be zero."
         for one in QUANTITIES.values()
         if 0 < calibration.sensor.rank(one.symbol) < len("xyz")

@@ -104,7 +104,9 @@ def run(
     renamed = "" if plain == name else f"the name {name!r} is written as {plain}"
     left_out = f"not in this file: {made.left_out}" if made.left_out else ""
     late = uncorrected_delays(calibration.conditions)
-    for line in filter(None, (renamed, left_out, *late, made.unmeasured, *cost_lines(made))):
+    for line in filter(
+        None, (renamed, left_out, *late, made.unmeasured, *made.undetermined, *cost_lines(made))
+    ):
         print(line)
     print(f"wrote {path}")
 
@@ -164,6 +166,7 @@ def costs_object(made: "Export") -> dict[str, Any]:
     return {
         "unmeasured": made.unmeasured,
         "left_out": made.left_out,
+        "undetermined": made.undetermined,
         "errors": {
             one.measures: {
                 "max": one.largest,
@@ -185,7 +188,7 @@ def cost_lines(made: "Export") -> list[str]:
     # All sizes of a quantity are in the unit of the largest.
     sizes = {kind: si_factor(one.bias_unit) for kind, one in QUANTITIES.items()}
     for one in made.costs:
-        sizes[one.measures] = max(sizes[one.measures], one.largest, one.expanded)
+        sizes[one.measures] = max(sizes[one.measures], one.largest, one.expanded)  # NaN is ignored
     for one in made.losses:
         sizes[one.measures] = max(sizes[one.measures], one.effect)  # NaN if it is unknown
     units = {
@@ -203,7 +206,7 @@ def cost_lines(made: "Export") -> list[str]:
         )
         lines.append(
             f"error in {QUANTITIES[one.measures].name} over the range: maximum {largest}, rms {rms}"
-            + (f", U at the point of the maximum {there}" if one.expanded else "")
+            + (f", U at the point of the maximum {there}" if one.expanded > 0 else "")
             + (f" (exceeds U{' elsewhere' * (one.largest <= one.expanded)})" if one.exceeds else "")
         )
     return lines

@@ -35,6 +35,8 @@ class Gaussian:
         Their expected values, with or without the problem's leading trials dimension.
     covariance : (k, k) array
         Their covariance, positive definite.
+    temperature : (float, float) or None
+        Temperature range of the data behind the prior, K; None if it is unknown.
 
     Raises
     ------
@@ -46,6 +48,7 @@ class Gaussian:
     names: tuple[str, ...]
     mean: Array
     covariance: Array
+    temperature: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         k, what = len(self.names), f"prior on {', '.join(self.names)}"

@@ -9,6 +9,7 @@ lists the targets. A target is a module with `TARGET = Target(...)`
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from inercal.export.header import feed_text, header_lines
 from inercal.export.model import export_model
 from inercal.export.ranges import Range, calibrated_ranges
 from inercal.export.target_definition import Request, Target, resolve_options
+from inercal.export.term_kinds import undetermined
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 
 TARGETS: Registry[Target] = Registry(
@@ -79,6 +81,8 @@ class Export:
         Which components the sensor does not measure, and what to feed; "" if there are none.
     left_out : str
         Which axes the target has no place for, so that the file leaves them out; "" if none.
+    undetermined : tuple of str
+        Sentences on biases and scale factors that the target states, but the calibration does not.
     place : str
         Path of this file within the folder, if the target writes a folder; otherwise "".
     beside : mapping of str to str
@@ -92,6 +96,7 @@ class Export:
     header: tuple[str, ...]
     unmeasured: str
     left_out: str = ""
+    undetermined: tuple[str, ...] = ()
     place: str = ""
     beside: Mapping[str, str] = field(default_factory=dict[str, str])
 
@@ -181,8 +186,17 @@ def export_calibration(
     rendering = target.render(request)
     if rendering.possible is not None:
         samples = possible_samples(model, samples, rendering.possible)
+    holds = target.holds if rendering.holds is None else rendering.holds
+    missing = undetermined(calibration.sensor, holds)
+    texts = tuple(missing.values())
     lost = losses(model, samples, target, rendering)
-    cost = costs(model, samples, rendering.correct)
+    unknown = {measures for measures, kind in missing if kind == "bias"}
+    cost = tuple(
+        replace(one, expanded=nan) if one.measures in unknown else one
+        for one in costs(model, samples, rendering.correct)
+    )
+    if lossless and unknown:
+        raise InputError(f"--lossless: {texts[0]}; calibrate it first", key="--lossless")
     if lossless and (any(one.exceeds for one in cost) or any(one.unknown for one in lost)):
         raise InputError(_refusal(target, cost, lost), key="--lossless")
     biased = rendering.correct_with_bias
@@ -198,11 +212,21 @@ def export_calibration(
         source=Path(source).name,
         refitted=refit,
         left_out=left_out,
+        undetermined=texts,
         whole=whole if left_out else None,
     )
     text, unmeasured = rendering.write(header), feed_text(model, rendering)
     return Export(
-        target, text, cost, lost, header, unmeasured, left_out, rendering.place, rendering.beside
+        target,
+        text,
+        cost,
+        lost,
+        header,
+        unmeasured,
+        left_out,
+        texts,
+        rendering.place,
+        rendering.beside,
     )
 
 

@@ -43,7 +43,8 @@ class Cost:
     largest, rms : float
         Largest and rms error of a component over the range, m/s², rad/s or T.
     expanded : float
-        U (k = 2) of the correction at the point where the error is largest.
+        U (k = 2) of the correction at the point where the error is largest; NaN if the calibration
+        does not determine the bias.
     exceeds : bool
         Whether the error of a component exceeds both its U and the rounding error somewhere in the
         range.

@@ -50,6 +50,7 @@ def header_lines(
     source: str = "",
     refitted: bool = False,
     left_out: str = "",
+    undetermined: Sequence[str] = (),
     whole: Calibration | None = None,
 ) -> tuple[str, ...]:
     """Return the lines of explanation for a file.
@@ -66,6 +67,8 @@ def header_lines(
         Whether the linear terms were fitted over the range.
     left_out : str
         Which axes this file leaves out.
+    undetermined : sequence of str
+        Sentences on biases and scale factors that the calibration does not determine.
     whole : Calibration, optional
         The calibration with these axes, if it is not that of the model.
     """
@@ -83,6 +86,7 @@ def header_lines(
     if refitted:
         lines.append("the linear terms are a least-squares fit over the range below (refit)")
     lines += [f"NOT in this file: {left_out}"] if left_out else []
+    lines += [f"NOT calibrated: {text}" for text in undetermined]
     lines += uncorrected_delays(model.calibration.conditions)
     lines += [_loss_text(one) for one in losses] or [
         "the target includes every coefficient of the calibration"
@@ -175,7 +179,9 @@ def _range_text(ranges: Ranges, model: ExportModel) -> str:
 def _cost_text(what: str, one: Cost) -> str:
     unit = QUANTITIES[one.measures].ascii_unit
     against = (
-        f"; U (k = 2) of the calibration at that point: {one.expanded:.3g}" if one.expanded else ""
+        f"; U (k = 2) of the calibration at that point: {one.expanded:.3g}"
+        if one.expanded > 0
+        else ""
     )
     if one.exceeds:
         against += "; the error exceeds U somewhere in the range"

@@ -20,7 +20,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.calibration import Calibration
-from inercal.export.term_kinds import LINEAR, kinds_of
+from inercal.export.term_kinds import LINEAR, TermKind, kinds_of
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors import Axis, Readout, Sensor, axes_along
@@ -50,6 +50,8 @@ class Triad:
         Nominal readout, in output units.
     unit : str
         Output unit.
+    stated : frozenset of TermKind
+        The kinds of terms that the calibration states for these axes.
     """
 
     rows: tuple[int, ...]
@@ -60,6 +62,7 @@ class Triad:
     scale: Array
     offset: Array
     unit: str
+    stated: frozenset[TermKind]
 
     @cached_property
     def correction(self) -> Array:
@@ -217,6 +220,7 @@ def export_model(
             np.array([one.scale for one in readouts]),
             np.array([one.offset for one in readouts]) * signs,
             readouts[0].unit,
+            frozenset(term for measures, term, _ in kinds_of(sensor) if measures == kind),
         )
         if kind == "w" and "f" in triads:
             sensitivity = turn @ slope[rows, :3] @ turn.T

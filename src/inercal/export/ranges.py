@@ -151,6 +151,12 @@ def temperature_limits(
             "them; give --over-temperature, such as '-10 60 °C'",
             key="temperature",
         )
+    if low == high and (lowest, highest) == (None, None):
+        raise InputError(
+            f"{target} corrects between two temperatures, but all data of the calibration are at "
+            f"{low:.2f} °C; calibrate over temperature",
+            key="temperature",
+        )
     if not low < high:
         raise InputError(
             f"{target}: {low:g} to {high:g} °C: give the lower temperature as lowest",

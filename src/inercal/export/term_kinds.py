@@ -12,10 +12,12 @@
 | temperature_rate | with the rate of the temperature |
 """
 
+from collections.abc import Collection, Mapping
+from itertools import product
 from typing import Literal
 
 from inercal.basics.keys import CoefficientName
-from inercal.physics.quantities import Measures
+from inercal.physics.quantities import KINDS, Measures
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
@@ -30,6 +32,7 @@ TermKind = Literal[
     "temperature_rate",
 ]
 LINEAR: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment", "g"})
+UNDETERMINED: tuple[TermKind, ...] = ("bias", "scale")  # without them, a reading has no meaning
 # Derivatives are not part of any sensor reading, so no target supports them.
 DERIVATIVES: dict[TermKind, str] = {
     "angular_acceleration": "angular acceleration",
@@ -66,6 +69,29 @@ def term_kind(measures: Measures, term: ErrorTerm) -> TermKind:
     if used <= {f"{measures}p", f"{measures}o"}:
         return "misalignment"
     return "g" if measures == "w" and used <= {"fi", "fp", "fo"} else "polynomial"
+
+
+def undetermined(
+    sensor: Sensor, holds: Mapping[str, Collection[str]] | None = None
+) -> dict[tuple[Measures, TermKind], str]:
+    """Say which biases and scale factors the calibration of a sensor does not determine.
+
+    `holds` restricts this to the terms that a target states.
+    """
+    stated = {
+        (CoefficientName(full).axis, kind)
+        for full, (_, kind, _) in zip(sensor.coefficients, kinds_of(sensor), strict=True)
+    }
+    found: dict[tuple[Measures, TermKind], str] = {}
+    for measures, kind in product(KINDS, UNDETERMINED):
+        axes = [axis.name for axis in sensor.axes if axis.measures == measures]
+        without = ", ".join(name for name in axes if (name, kind) not in stated)
+        if without and (holds is None or kind in holds.get(measures, ())):
+            found[measures, kind] = (
+                f"the calibration does not determine the {WORDS[kind]} of {without}: its nominal "
+                "value is assumed, and its error is not included in U"
+            )
+    return found
 
 
 def kinds_of(sensor: Sensor) -> tuple[tuple[Measures, TermKind, int], ...]:

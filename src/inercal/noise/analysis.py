@@ -47,6 +47,7 @@ from inercal.noise.spectrum import (
 from inercal.noise.terms import TERMS
 from inercal.physics.sensors import G0
 from inercal.recordings import Recording
+from inercal.recordings.samples import INVALID_SAMPLES, merge_messages
 
 _MARGIN = 1.0  # s, excluded on both sides of a disturbance
 
@@ -122,7 +123,25 @@ def disturbed_text(channel: ChannelNoise, without: NoiseFit) -> str:
             texts.append(f"{one.symbol} is {first} with them and {second} without them")
     if not texts:
         return ""
-    return f"the disturbed times change the noise by more than U: {'; '.join(texts)}"
+    return (
+        f"the disturbed times change the noise by more than U: {'; '.join(texts)}; exclude these "
+        "times with --skip-disturbed, or record again"
+    )
+
+
+def invalid_text(recording: Recording, channel: str) -> str:
+    """Describe where the audit found a channel saturated or stuck; empty if it did not."""
+    found = [
+        one.message
+        for one in recording.findings
+        if one.channel == channel and one.what in INVALID_SAMPLES
+    ]
+    if not found:
+        return ""
+    return (
+        f"{'; '.join(merge_messages(found))}; such readings do not contain the sensor's noise: "
+        "give the part of the recording before or after them, or record again"
+    )
 
 
 def _walk(fit: NoiseFit, quantity: SensorKind) -> str:
@@ -249,9 +268,12 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
     ]
     remarks = list(check_rounding([one.values for one in parts], name, recording.source))
     every = parts
+    invalid = invalid_text(recording, name)
+    # A constant stretch changes the usual scatter, so that ordinary noise looks like disturbances.
     found = tuple(
         one.shifted(part.start)
         for part in parts
+        if not invalid
         for one in find_disturbances(part.values, pieces.dt)
     )
     if found and not wanted.keep_disturbed:
@@ -288,7 +310,7 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
         regressors=regressors,
         step=rounding_step(max(every, key=len).values),
     )
-    channel = conclude(summary, wanted.candidates, wanted.method)
+    channel = replace(conclude(summary, wanted.candidates, wanted.method), disturbed=invalid)
     if not found or channel.refusal is not None:
         return channel
     other = _other_fit(every, found, pieces.dt, wanted, channel.bins, summary.step)

@@ -143,8 +143,8 @@ class ChannelNoise:
     refusal : NoiseRefusal or None
         Reason why the channel has no coefficients; None if it has coefficients.
     disturbed : str
-        The coefficients that disturbed times change by more than U, in words; empty if there are
-        none.
+        Why the coefficients are not to be relied on: the channel is saturated or stuck, or the
+        disturbed times change the coefficients by more than U; otherwise empty.
     """
 
     channel: str

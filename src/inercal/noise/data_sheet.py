@@ -190,7 +190,9 @@ def shown(value: float, symbol: str, quantity: SensorKind) -> str:
 _NEAR = 0.1  # relative distance from √2 within which a ratio suggests the other kind
 _AXES = 3
 
-HEADS = ("channel", "term", "measured", "U (k = 2)", "data sheet", "unit", "measured / data sheet")
+HEADS = ("channel", "term", "measured", "U (k = 2)", "data sheet", "unit", "measured / data sheet",
+         "data sheet holds")  # fmt: skip
+_ONE_SIDED = 1.645  # standard deviations, 95 %
 
 
 @dataclass(frozen=True)
@@ -229,6 +231,15 @@ class SheetComparison:
         return self.u / self.sheet if self.value else None
 
     @property
+    def holds(self) -> str:
+        """Whether the sensor is at most at the stated value: "yes", "no" or "open" (95 %)."""
+        if not self.value:
+            return "yes" if self.limit is not None and self.limit <= self.sheet else "open"
+        if self.value + _ONE_SIDED * self.u <= self.sheet:
+            return "yes"
+        return "no" if self.value - _ONE_SIDED * self.u > self.sheet else "open"
+
+    @property
     def unit(self) -> str:
         """Unit for display."""
         return coefficient_unit(self.symbol, self.quantity)
@@ -243,13 +254,13 @@ class SheetComparison:
             if self.limit is not None:
                 measured = f"< {format_number(self.limit / size, 3)}"
                 ratio = f"< {format_number(self.limit / self.sheet, 3)}"
-            return self.channel, self.symbol, measured, "", sheet, self.unit, ratio
+            return self.channel, self.symbol, measured, "", sheet, self.unit, ratio, self.holds
         value, spread = format_value_and_uncertainty(self.value / size, COVERAGE * self.u / size)
         share, its = format_value_and_uncertainty(
             self.value / self.sheet, COVERAGE * self.u / self.sheet
         )
         ratio = f"{share} ± {its}"
-        return self.channel, self.symbol, value, spread, sheet, self.unit, ratio
+        return self.channel, self.symbol, value, spread, sheet, self.unit, ratio, self.holds
 
 
 def compare_with_sheet(
@@ -296,8 +307,17 @@ def _comparison(channel: ChannelNoise, sheet: SheetCoefficient, k: int) -> Sheet
 
 
 def kind_remarks(rows: Sequence[SheetComparison], sheet: DataSheetNoise) -> tuple[str, ...]:
-    """Return remarks on ratios near √2 or 1/√2; they suggest a confused kind of white noise."""
-    found: list[str] = []
+    """Return a summary, and remarks on ratios near √2 or 1/√2: perhaps a confused white_kind."""
+    found = [
+        f"the data sheet {words}: " + ", ".join(f"{one.symbol} of {one.channel}" for one in some)
+        for holds, words in (
+            ("no", "does not hold for"),
+            ("open", "cannot be judged for"),
+        )
+        if (some := [one for one in rows if one.holds == holds])
+    ]
+    if rows and not found:
+        found.append("the data sheet holds for all values")
     for quantity in QUANTITIES:
         ratios = [
             one.ratio
@@ -333,4 +353,5 @@ def comparison_object(one: SheetComparison) -> dict[str, Any]:
         "data_sheet": one.sheet,
         "ratio": one.ratio,
         "ratio_u": one.ratio_u,
+        "holds": one.holds,
     }

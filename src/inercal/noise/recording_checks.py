@@ -243,10 +243,12 @@ def check_rounding(parts: Sequence[Array], channel: str, source: str) -> tuple[s
             file=source or None,
             names=(channel,),
         )
+    times = np.sqrt(1 + 1 / (12 * ratio**2))  # rounding adds its variance, step²/12
     if ratio < WARNED:
-        times = np.sqrt(1 + 1 / (12 * ratio**2))  # rounding adds its variance, step²/12
         text = (
             f"the noise is only {ratio:.2g} rounding steps, so N may be {times:.2f} times too large"
         )
         return (text,)
+    if times - 1 > 1 / np.sqrt(2 * sum(map(len, parts))):  # u(N)/N
+        return (f"rounding to steps adds {100 * (times - 1):.2g} % to N, more than its u",)
     return ()

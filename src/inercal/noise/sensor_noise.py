@@ -98,8 +98,8 @@ def require_stated(analysis: NoiseAnalysis) -> None:
     for one in analysis.channels:
         if one.disturbed:
             raise InputError(
-                f"{analysis.source or 'recording'}: {one.channel}: {one.disturbed}; nothing is "
-                "written: exclude these times with --skip-disturbed, or record again",
+                f"{analysis.source or 'recording'}: nothing is written, because the noise of "
+                f"{one.channel} is not to be relied on: {one.disturbed}",
                 file=analysis.source or None,
                 names=(one.channel,),
             )

@@ -25,7 +25,7 @@ from inercal.calibration import SharedError, Validity
 from inercal.calibration.calibration import SIMULATED
 from inercal.calibration.shared_errors import BenchEstimate
 from inercal.calibration.type_prior import load_type_prior
-from inercal.calibration.validity import Range
+from inercal.calibration.validity import TEMPERATURE_MARGIN, Range
 from inercal.estimation import Estimate
 from inercal.physics.plan import Turn
 from inercal.physics.quantities import QUANTITIES
@@ -150,15 +150,33 @@ def _simulation(run: Run, inputs: EstimatorInput) -> str:
     return mark or ("[sensor.truth] of the run file" if run.truth else "")
 
 
-def validity(sensor: Sensor, inputs: EstimatorInput) -> Validity:
-    """Return the ranges of the data that were used; None if a quantity was not measured."""
+def validity(run: Run, inputs: EstimatorInput) -> Validity:
+    """Return the ranges of the data that were used; None if a quantity was not measured.
+
+    If all temperature coefficients come from priors, their data are also part of the range.
+    """
+    sensor = run.sensor
     magnetic = inputs.observations.magnetic
     return Validity(
         rate=_finite_range(_readings(sensor, inputs, "w")),
         force=_finite_range(_readings(sensor, inputs, "f")),
-        temperature=_finite_range(_temperatures(inputs)),
+        temperature=_with_range_of_priors(run, _finite_range(_temperatures(inputs))),
         field=None if magnetic is None else _finite_range(iter(magnetic.parts)),
     )
+
+
+def _with_range_of_priors(run: Run, found: Range | None) -> Range | None:
+    """Return the range of temperatures that the data of the run or of the priors cover."""
+    names = [n for n in run.sensor.coefficients if run.sensor.coefficient(n).basis.uses("dT")]
+    known = [prior for prior in run.priors if set(names).intersection(prior.names)]
+    ranges = [prior.temperature for prior in known if prior.temperature is not None]
+    stated = {name for prior in known for name in prior.names}
+    if found is None or not ranges or len(ranges) < len(known) or not stated.issuperset(names):
+        return found
+    low, high = max(low for low, _ in ranges), min(high for _, high in ranges)
+    if max(low, found[0]) > min(high, found[1]) + TEMPERATURE_MARGIN:
+        return found  # between the two ranges there are no data
+    return min(low, found[0]), max(high, found[1])
 
 
 def _finite_range(parts: Iterator[Array]) -> Range | None:

@@ -133,6 +133,7 @@ def _fitted(
         inputs.steps,
         recorded=inputs.recording is not None,
         by_hand=run.method.unknown_attitudes,
+        own_tilts=any(n.startswith("tilt") and n.endswith(" (2)]") for n in estimate.names),
     )
     findings += tuple(wrong_latitude_sign(estimate, sensor, getattr(bench, "latitude", None)))
     findings = merge_findings(findings)
@@ -305,7 +306,7 @@ def calibrate_run(
         "symmetric" if sensor.frame == "symmetric" else run.method.frame(run.bench),
         verdict=judged,
         shared=calibration_record.shared_errors(run, estimate, expected, p),
-        validity=calibration_record.validity(run.sensor, inputs),
+        validity=calibration_record.validity(run, inputs),
         job=run.job,
         conformity=None
         if run.specification is None

@@ -30,6 +30,7 @@ import scipy
 from inercal.basics.arrays import Array
 from inercal.basics.keys import ObservationName
 from inercal.basics.units import format_number, format_value_and_uncertainty, si_factor
+from inercal.calibration.grade import SHARED_TILTS
 from inercal.estimation import Estimate
 from inercal.estimation.residual_scatter import LEAST_RATIO, LEVEL, noise_scale
 from inercal.estimation.scores import chi2_tail_probability
@@ -58,6 +59,7 @@ def stated_noise_findings(
     *,
     recorded: bool,
     by_hand: bool,
+    own_tilts: bool = False,
 ) -> tuple[Finding, ...]:
     """Return findings about noise that differs from the stated noise, with the factors.
 
@@ -74,6 +76,8 @@ def stated_noise_findings(
         Whether the rows are means from a recording. If not, the deviations are stated.
     by_hand : bool
         Whether the sensor is held by hand.
+    own_tilts : bool
+        Whether each visit to a face has its own tilt, so that equal tilts give small residuals.
     """
     whole = [(1 / group.scatter_ratio, group.chi2, group.dof)
              for group in estimate.groups if group.dof and group.chi2 > 0]  # fmt: skip
@@ -91,9 +95,12 @@ def stated_noise_findings(
         found = tuple(_noise_of_means(estimate, sensor))
     if not found and small >= LEAST_RATIO and not (estimate.groups and recorded):
         text = (
-            f"the residuals are {small:.2g} times smaller than the stated noise and bench "
-            "imply: U is too large"
+            f"the residuals are {small:.2g} times smaller than the stated noise and bench imply: "
         )
+        if own_tilts:
+            text += "if a face has the same tilt at each visit, state placement in [bench]"
+            return (Finding("note", SHARED_TILTS, text, factor=small),)
+        text += "U is too large"
         return (Finding("note", "residuals", text, factor=small),)
     return found
 

@@ -229,7 +229,8 @@ def type_prior_of(path: Path, sensor: Sensor) -> Gaussian:
 def _gaussian(names: tuple[str, ...], known: "Calibration", sources: tuple[str, ...]) -> Gaussian:
     """Return the values and covariance of a calibration's coefficients, with new names."""
     index = [known.sensor.coefficients.index(name) for name in sources]
-    return Gaussian(names, known.values[index], known.covariance[np.ix_(index, index)])
+    range_k = None if known.validity is None else known.validity.temperature
+    return Gaussian(names, known.values[index], known.covariance[np.ix_(index, index)], range_k)
 
 
 def _require_same_readout(key: str, path: Path, axis: Axis, other: Axis) -> None:

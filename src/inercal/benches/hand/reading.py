@@ -255,7 +255,22 @@ def _planned_sections(
         note = "the gyros are not used: [sensor.gyro], with their unit, is missing"
         observations = replace(observations, notes=(*observations.notes, note))
     findings = segments.check_turn_ends(recording, run.sensor, marks, steps)
-    return marks, observations, recording.findings + missing + moving + findings
+    unused = _unused_label_findings(marks, labels)
+    return marks, observations, recording.findings + missing + moving + findings + unused
+
+
+def _unused_label_findings(marks: Sequence[Mark], labels: Sequence[str]) -> tuple[Finding, ...]:
+    """Return findings on labels that name no step; a warning for one that resembles a step."""
+    names = [name for name in dict.fromkeys(mark.label for mark in marks) if name not in labels]
+    return tuple(
+        Finding(
+            "warning" if any(name.startswith(label) for label in labels) else "note",
+            "label",
+            f"the section {name!r} is not used, because it names no step; a second visit is "
+            'written "x_p (2)"',
+        )
+        for name in names
+    )
 
 
 def _files(run: RunBase[RestsSection], recording: Recording) -> tuple[tuple[int, int], ...]:

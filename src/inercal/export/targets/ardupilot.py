@@ -112,8 +112,10 @@ def _render(request: Request) -> Rendering:
         scale = 1 / np.diag(triad.matrix) if kind == "f" else np.ones(3)
         if (given := options["acc_id" if kind == "f" else "gyro_id"]) is not None:
             lines.append((device, given))
-        lines += [(offsets + a, x) for a, x in zip("XYZ", bias, strict=True)]
-        if kind == "f":
+        # Parameters that the calibration does not determine keep their values on the board.
+        if "bias" in triad.stated:
+            lines += [(offsets + a, x) for a, x in zip("XYZ", bias, strict=True)]
+        if kind == "f" and "scale" in triad.stated:
             lines += [(scales + a, x) for a, x in zip("XYZ", scale, strict=True)]
         if thermal:
             word = _WORDS[kind]

@@ -98,9 +98,11 @@ def _render(request: Request) -> Rendering:
                 shared.single(matrix), shared.single(offset) * _GAUSS
             )
             continue
-        lines += [(f"{prefix}{a}OFF", x, _REAL) for a, x in zip("XYZ", triad.bias, strict=True)]
+        # Parameters that the calibration does not determine keep their values on the board.
+        if "bias" in triad.stated:
+            lines += [(f"{prefix}{a}OFF", x, _REAL) for a, x in zip("XYZ", triad.bias, strict=True)]
         scale = 1 / np.diag(triad.matrix) if kind == "f" else np.ones(3)
-        if kind == "f":
+        if kind == "f" and "scale" in triad.stated:
             lines += [(f"{prefix}{a}SCALE", x, _REAL) for a, x in zip("XYZ", scale, strict=True)]
         powers = triad.bias_powers[:_ORDERS]
         if powers.any():

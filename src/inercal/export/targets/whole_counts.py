@@ -98,7 +98,7 @@ def _render_betaflight(request: Request) -> Rendering:
     lines: list[str] = []
     corrections: dict[str, shared.Correction] = {}
     for kind, triad in model.triads:
-        if kind == "w":
+        if kind == "w" or "bias" not in triad.stated:
             continue
         name, end = ("acc_calibration", [1]) if kind == "f" else ("mag_calibration", [])
         step = _step(kind, request.options, "betaflight")
@@ -107,6 +107,7 @@ def _render_betaflight(request: Request) -> Rendering:
         corrections[kind] = _correction(zero, step, np.ones(3))
     if not lines:
         model.require("f", "betaflight")
+        raise InputError("betaflight takes only biases, but the calibration determines none")
     return _rendering(
         request,
         corrections,
@@ -129,14 +130,15 @@ def _render_inav(request: Request) -> Rendering:
         step = _step(kind, request.options, "inav")
         zero = _whole(name, triad.bias / step)
         factor = np.ones(3)
-        settings = {name: zero}
+        settings = {name: zero} if "bias" in triad.stated else {}
         if gain_name:
             diagonal = np.diag(triad.matrix)
             wanted = _ACC_ONE / diagonal if kind == "f" else _MAG_ONE * diagonal
             # Aligned axes have 0.5 < M_ii < 1.5, so the gains are within INAV's limits.
             gain = _whole(gain_name, wanted)
             factor = np.array(gain) / _ACC_ONE if kind == "f" else _MAG_ONE / np.array(gain)
-            settings[gain_name] = gain
+            if "scale" in triad.stated:
+                settings[gain_name] = gain
         else:
             gravity = shared.number(100 * request.options["gravity"], 7)
             lines += ["set init_gyro_cal = OFF", f"set ins_gravity_cmss = {gravity}"]

@@ -30,6 +30,7 @@ from inercal.methods.magnetic_field.starts import oriented, starts
 _LEAST_NODES = 7
 _LEAST_DOF = 5  # with fewer, a second set of coefficients fits as well in 1 % of cases
 _UNDETERMINED = 0.1  # standard deviation in typical sizes, above which a direction is refused
+_LOUD = 0.1  # noise of a reading over the change of the readings
 _NEGLIGIBLE = 0.1  # smallest weight that the name of a direction lists
 _LEVEL = 0.95
 _LARGEST_INHOMOGENEITY = 0.05
@@ -228,7 +229,15 @@ def _require_determined(solution: rows.Solution, problem: rows.FieldProblem) -> 
         stated = solution.state._replace(coefficients=np.zeros(p))
         at_stated = rows.solve(solution.problem, stated, most=0)
         clear = _null_directions(_information(at_stated))
-        moving = not len(problem.directions.node)
+        nodes, moving = problem.nodes, not len(problem.directions.node)
+        noise = np.sqrt(np.median(np.diagonal(nodes.covariance, axis1=1, axis2=2)))
+        if noise > _LOUD * np.linalg.norm(nodes.reading.std(axis=0)):
+            raise InputError(
+                "the stated noise of the magnetometer hides the field: the noise of a reading is "
+                f"{noise / np.linalg.norm(nodes.reading.std(axis=0)):.2g} times the change of the "
+                "readings between attitudes; check white and unit in [sensor.magnetometer]",
+                key="[sensor.magnetometer] white",
+            )
         raise _not_observed(chosen, clear if len(clear) else null, moving=moving)
     if "dip" not in chosen:
         return np.inf

@@ -208,16 +208,24 @@ def oriented(
     InputError
         The axes are not the stated ones, or the accelerometers have the wrong sign.
     """
-    state = _principal(state)
+    state = as_found = _principal(state)
     seen = abs(state.dip) > _SURE * dip_sd
     by_dip = seen and conditions.sign != 0
     right = state.dip * conditions.sign > 0 if by_dip else _determinant(model, state) > 0
     if not right:
         state = _mirrored(model, state)
     hemisphere = "northern" if state.dip > 0 else "southern"
-    turn = _relative_axes(model, state)
-    axes = nearest_axes(turn / np.linalg.norm(turn, axis=1, keepdims=True))
+    axes = _stated_axes(model, state)
     if _determinant(model, state) < 0:
+        if by_dip and np.array_equal(_stated_axes(model, as_found), np.eye(3)):
+            found = "northern" if as_found.dip > 0 else "southern"
+            raise InputError(
+                f"the data fit the magnetometer's stated axes in the {found} hemisphere, but "
+                f"[bench] latitude, hemisphere or dip states the {hemisphere} one: check its sign. "
+                "If it is right, the accelerometers have the wrong sign (gravity instead of "
+                f"specific force), or the axes are wrong{_axes_that_fit(model, axes)}",
+                key="[bench] latitude",
+            )
         raise InputError(
             f"in the {hemisphere} hemisphere, these data need a magnetometer that is left-handed"
             " relative to its stated axes: an axis is reversed, two axes are exchanged, or the"
@@ -239,6 +247,12 @@ def oriented(
     if not seen:
         return state, (f"{assumed}, because the field is too nearly horizontal to show it.",)
     return state, (f"{assumed}; they place the recording in the {hemisphere} hemisphere.",)
+
+
+def _stated_axes(model: LinearModel, state: FieldState) -> Array:
+    """Return the signed permutation from the stated axes to those of the data, (3, 3)."""
+    turn = _relative_axes(model, state)
+    return nearest_axes(turn / np.linalg.norm(turn, axis=1, keepdims=True))
 
 
 def _principal(state: FieldState) -> FieldState:

@@ -42,6 +42,7 @@ _COVERED_COSINE = np.cos(np.pi / 4)  # a rest within 45° of an axis covers it
 _TARGET_DEVIATION = 0.01  # of the natural size; attitudes are added until the geometry reaches it
 WORST_FORCE = 1e-3 * G0  # m/s², error of a norm
 WORST_TURN = 1e-2  # rad, error of a rotation; rad/s, error of a rate
+_OTHER_UNIT = 15.0  # ratio of the rates of two gyros; °/s in rad/s gives 57
 MOVE_SECONDS = 2.0
 _TURN_STEPS = 8  # number of steps per turn, each at a constant attitude
 # A little initial information, which keeps determinants finite (100 counts as observed)
@@ -229,11 +230,29 @@ def require_coverage(rests: Rests, priors: Priors) -> None:
         max_attitudes=max(a + 3 - len(ups), 4),  # the missing rests, but at least 4
     )
     raise NotObserved(
-        f"these data do not determine {', '.join(named)}: "
+        f"{_much_smaller_gyro(rests)}these data do not determine {', '.join(named)}: "
         f"{_coverage_gaps(rests, ups)}; add: {attitudes_in_words(more)} "
         f"{undetermined_combinations(words)}",
         words,
         names=named,
+    )
+
+
+def _much_smaller_gyro(rests: Rests) -> str:
+    """Describe an axis whose rates during the turns are far below those of the others, if any."""
+    if rests.transitions is None or len(rests.sensor.axes) - rests.m < 2:
+        return ""
+    moving = rests.transitions.output[:, rests.m :]
+    size = (moving - np.median(moving, axis=0)).std(axis=0)
+    size /= [axis.readout.scale for axis in rests.sensor.axes[rests.m :]]
+    least = int(size.argmin())
+    ratio = float(np.sort(size)[1] / max(size[least], 1e-300))
+    if ratio < _OTHER_UNIT:
+        return ""
+    name = rests.sensor.axes[rests.m + least].name
+    return (
+        f"{name} changes {ratio:.0f} times less than the other gyros during the turns, so first "
+        "check that its column is in the unit of [sensor.gyro]; "
     )
 
 

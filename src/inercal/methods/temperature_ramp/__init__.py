@@ -39,6 +39,7 @@ from inercal.methods.temperature_ramp.ramp_fit import (
     loop_shape,
     ramp_model,
 )
+from inercal.methods.temperature_ramp.sudden_changes import sudden_change
 from inercal.methods.temperature_ramp.thermometer_steps import TRUNCATION
 from inercal.physics.plan import Hold
 from inercal.physics.sensors import Sensor
@@ -164,8 +165,10 @@ def lag_and_rate_correlation(blocks: RampBlocks, slope: Array, whitening: Array)
 def remarks(fit: Fit[Any, Any]) -> Remarks:
     """Return the findings, notes and conditions for a ramp."""
     model, x = ramp_model(fit.observations, fit.sensor, fit.environment), fit.estimate.value
+    linearise = model.linearise
     if model.blocks.course is not None:
-        model = NodeProblem(model).solved(x)
+        problem = NodeProblem(model)
+        model, linearise = problem.solved(x), problem.rows
     blocks, sensor = model.blocks, model.sensor
     loops = _loop_conditions(model, x)
     correlation = float(np.corrcoef(blocks.kelvin, blocks.time)[0, 1])
@@ -194,7 +197,7 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
             "reads b(T) + s(T) · 1 g. If the case bends with temperature, g times its tilt is "
             "added to the level axes."
         )
-    findings: list[Finding] = []
+    findings = sudden_change(model, x, linearise(x), fit.estimate.std)
     lag_is_stated = fit.environment is not None and fit.environment.lag is not None
     if blocks.is_monotonic and not lag_is_stated:
         findings.append(_one_way_finding(model, x))

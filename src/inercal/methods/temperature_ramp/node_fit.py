@@ -173,6 +173,11 @@ class NodeProblem:
         self.linearise(x)
         return self._model._replace(node_shift=self._shift)
 
+    def rows(self, x: Array) -> tuple[Array, Array]:
+        """Return all residuals, and their Jacobian for the parameters and then for the nodes."""
+        rows = self._rows(x, self._shift)
+        return rows.residual, np.concatenate([rows.jacobian, rows.by_node], axis=1)
+
     def linearise(self, x: Array) -> tuple[Array, Array]:
         """Return the p + 1 residuals that remain after the nodes are fitted, and their Jacobian."""
         rows = self._rows(x, self._shift)

@@ -27,6 +27,7 @@ _LONG = 4.0  # times a neighbour; longer inner intervals get several free points
 # A thermometer that truncates reads half a step less than one that rounds, and the data do not
 # show which it does: 2 standard uncertainties are half a step.
 TRUNCATION = 0.25
+_FEW_CHANGES = 12
 _QUIET = 0.1  # steps
 _ONE_EXPONENTIAL = 3.0  # χ² per degree of freedom
 _LEAST_READINGS_A_LEVEL = 4.0  # if fewer, a fine thermometer gives noise and rounding
@@ -203,8 +204,13 @@ def _refresh_interval(changes: Array, period: float) -> float:
         return 0.0
     # An interval with this error has drifted by a quarter of a period at the end.
     points = int(np.log(longest / (2 * period)) * 4 * since[-1] / period) + 2
-    best = 0.0
+    best, few = 0.0, since[:: max(1, since.size // _FEW_CHANGES)]
     for interval in np.array_split(np.geomspace(2 * period, longest, points), points // 4096 + 1):
+        # If all changes are within an angle of their middle, the mean of some is at least its
+        # cosine. This excludes most intervals quickly.
+        least = np.cos(np.minimum(1.5 * np.pi * period / interval, 0.5 * np.pi)) - 1e-9
+        part = np.exp(2j * np.pi * few / interval[:, None]).mean(axis=1)
+        interval = interval[np.abs(part) >= least]
         phase = np.exp(2j * np.pi * since / interval[:, None])
         middle = np.angle(phase.mean(axis=1))[:, None]
         off = np.abs(np.angle(phase * np.exp(-1j * middle))) / (2 * np.pi) * interval[:, None]

@@ -353,7 +353,7 @@ def channel_findings(
             values = " and ".join(f"{value:.6g}" for value in cut)
             why = (
                 f": readings pile up at {values} {recording.units[k]}, where the range ends; "
-                "state full_scale"
+                "if the range is larger, state full_scale in the run file"
             )
     else:
         railed = repeated_values.out_of_range(x, *limits)

@@ -29,8 +29,10 @@ _WINDOW, _SPAN, _QUIETEST, _GENTLE = 50, 2.0, 0.1, 0.8
 # An extreme is examined if it has at least _PILE samples in _PILED_RUNS runs, with at most _MANY
 # samples on average, because a rest at one value is not noise. It cuts noise off if it has _PILED
 # times the samples of each of the _NEXT steps below it, and if its neighbours in time are more than
-# _BESIDE steps away.
+# _BESIDE steps away. It also does if noise of at least _LEAST_NOISE steps would give _BEYOND
+# samples one step further.
 _PILE, _PILED_RUNS, _MANY, _NEXT, _PILED, _BESIDE = 20, 10, 30, 5, 2, 1.5
+_BEYOND, _LEAST_NOISE = 30.0, 0.7
 _NONE: Indices = np.zeros((0, 2), np.int64)
 
 
@@ -149,8 +151,14 @@ def clipping_values(x: Array) -> tuple[float, ...]:
     An extreme cuts noise off if it occurs twice as often as any of the next five values and the
     neighbouring samples are at least two steps away. The second condition is needed because noise
     smaller than a step accumulates at the nearest value.
+
+    An extreme at one end also cuts noise off if its count n₀ is too large for an end. Normal noise
+    of σ steps around any slow motion has at least n₀²/n₁ exp(−1/σ²) samples one step further, where
+    n₁ is the count one step nearer: the logarithm of its density has no second derivative below
+    −1/σ². Both ends of a vibration have large counts, so this test needs a single such end.
     """
     cut: list[float] = []
+    excessive: list[float] = []
     step = 0.0
     for sign in (1.0, -1.0):
         top = sign * float((sign * x).max())
@@ -161,14 +169,26 @@ def clipping_values(x: Array) -> tuple[float, ...]:
         begins = np.flatnonzero(at[1:] & ~at[:-1])
         ends = np.flatnonzero(at[:-1] & ~at[1:]) + 1
         beside = np.abs(np.concatenate([x[begins], x[ends]]) - top)
-        few = begins.size < max(_PILED_RUNS, np.count_nonzero(at) / _MANY)
-        if few or np.median(beside) <= _BESIDE * step:
+        if begins.size < max(_PILED_RUNS, np.count_nonzero(at) / _MANY):
             continue
         below = np.round(np.abs(x[np.abs(x - top) < (_NEXT + 0.5) * step] - top) / step)
         counts = np.bincount(below.astype(np.int64), minlength=_NEXT + 1)
-        if counts[0] >= _PILED * counts[1:].max():
+        if counts[0] >= _PILED * counts[1:].max() and np.median(beside) > _BESIDE * step:
             cut.append(top)
-    return tuple(cut)
+        elif counts[1] and (noise := _noise_near(x, at)) > _LEAST_NOISE * step:
+            beyond = counts[0] ** 2 / counts[1] * np.exp(-((step / noise) ** 2))
+            excessive += [top] * bool(beyond >= _BEYOND)
+    return tuple(cut) or tuple(excessive if len(excessive) == 1 else ())
+
+
+def _noise_near(x: Array, at: Bools) -> float:
+    """Return a low estimate of the noise in the windows with marked samples; 0 without windows."""
+    whole = x.size // _WINDOW * _WINDOW
+    windows = x[:whole].reshape(-1, _WINDOW)[at[:whole].reshape(-1, _WINDOW).any(axis=1)]
+    if not len(windows):
+        return 0.0
+    squares = np.mean(np.diff(windows, axis=1) ** 2, axis=1) / 2
+    return float(np.sqrt(np.quantile(squares, _QUIETEST)))
 
 
 def ranges_with_values(x: Array, ranges: Indices, values: tuple[float, ...]) -> Indices:

@@ -21,11 +21,11 @@ from inercal.physics.plan import Hold
 from inercal.physics.quantities import INERTIAL
 from inercal.physics.sensors import Sensor, nominal_inverse
 from inercal.recordings import Finding, Mark, Observations, Recording, Transitions, sample_count
+from inercal.recordings.samples import INVALID_SAMPLES
 
 # For a difference of two clocks: step in s, steps of a change, its largest size (quantile), and the
 # ratio of the agreement to that of all differences that are more than 1 s (50 steps) away.
 _CLOCK_STEP, _CLOCK_CHANGE, _CLOCK_LEVEL, _CLOCK_CLEAR, _CLOCK_WIDTH = 0.02, 20, 0.9, 1.5, 50
-INVALID_SAMPLES = ("saturation", "stuck")
 # Weighted part of a rest in s. A hand sways with a period of some 3 s. The noise of the weighted
 # part matters little because the mean rate of the rest contains it too.
 WEIGHTED_DURATION = 5.0

@@ -17,7 +17,8 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Recording, Transitions
 from inercal.recordings.io.repeated_values import rail_ranges
 from inercal.recordings.magnetic import MagneticPieces, MagneticReadings
-from inercal.recordings.segments.attitudes import INVALID_SAMPLES, range_findings
+from inercal.recordings.samples import INVALID_SAMPLES
+from inercal.recordings.segments.attitudes import range_findings
 
 PIECE = 0.2  # s
 _TURNED = np.radians(2.5)  # the mean over a larger angle is shorter than the field, by 3e-4

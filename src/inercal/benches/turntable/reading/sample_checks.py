@@ -17,7 +17,7 @@ from inercal.basics.units import format_duration
 from inercal.physics.quantities import Measures
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Finding, Recording, Track, sample_count
-from inercal.recordings.segments.attitudes import INVALID_SAMPLES
+from inercal.recordings.samples import INVALID_SAMPLES
 
 _TURNING = radians(1)  # rad/s
 _LASTING = 1.0  # s during which gyros measure a turn while the readback is constant

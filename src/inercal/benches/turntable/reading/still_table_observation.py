@@ -26,8 +26,8 @@ from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import load_recording
 from inercal.recordings.io.audit import require_accepted
 from inercal.recordings.io.rest_norm import audit_rest_norm
+from inercal.recordings.samples import INVALID_SAMPLES
 from inercal.recordings.segments import average_sections
-from inercal.recordings.segments.attitudes import INVALID_SAMPLES
 
 _WINDOW = 0.2  # s
 _MOVING = radians(0.05)  # rad/s
