@@ -29,6 +29,11 @@ _UNKNOWN = (
     "between rests were recorded; hold one known axis up and compare, or state the marks"
 )
 
+NO_TURNS = (
+    "the movements between the sections could not be compared with gravity, for example because "
+    "they are not in the recording, so exchanged or reversed gyro columns cannot be detected"
+)
+
 _FAR = 0.5  # of gravity; larger than the bias of any working accelerometer
 _NEAR = 0.1  # relative difference between the radius and gravity, from scale factors
 
@@ -53,7 +58,8 @@ def check_axes(
         them agree.
     """
     ordered = sorted(rests, key=lambda one: one.start)
-    found = judge_turns(read_gravity_turns(recording, run.sensor, ordered))
+    turns = read_gravity_turns(recording, run.sensor, ordered)
+    found = judge_turns(turns, others=run.data.marks == "found")
     if found.agree is not False:
         return found, ()
     changes = ", or if ".join(_with_columns(one, run) for one in found.changes)
