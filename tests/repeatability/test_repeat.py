@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 from tests.repeatability.laboratory import KIND, Laboratory, draw
 from tests.repeatability.sessions import sessions_of
 
@@ -155,6 +156,20 @@ def with_uncertainty(one: RepeatedSession, factor: float) -> RepeatedSession:
     return replace(
         one, calibration=replace(calibration, values=values, covariance=factor**2 * own + columns)
     )
+
+
+def test_sessions_of_two_sensors_are_refused_by_serial_number_and_named_by_name():
+    first, *others = drawn_sessions(3)
+    with refused(key="[job] serial_number"):
+        repeat([
+            replace(one, calibration=replace(one.calibration, job={"serial number": str(k // 2)}))
+            for k, one in enumerate([first, *others])
+        ])  # fmt: skip
+    sensor = replace(first.calibration.sensor, name="TRIAD-2")
+    renamed = replace(first, calibration=replace(first.calibration, sensor=sensor))
+    assert repeat([renamed, *others]).fit.matched.different_names
+    assert any("TRIAD-2" in line for line in repeat([renamed, *others]).findings)
+    assert not repeat([first, *others]).fit.matched.different_names
 
 
 def mixed_sessions(count: int, good: int, seed: int = 4) -> list[RepeatedSession]:

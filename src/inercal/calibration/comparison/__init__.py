@@ -3,7 +3,7 @@
 Both calibrations are first converted to the same axes, nominal readout, model form and body frame.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -286,6 +286,25 @@ def fixed_coefficients(calibration: Calibration) -> frozenset[str]:
     sensor = calibration.sensor
     rows = zip(sensor.coefficients, calibration.std, sensor.unit_scale, strict=True)
     return frozenset(name for name, std, unit_scale in rows if std <= _FIXED_STD * unit_scale)
+
+
+_UNNAMED = "sensor"  # default of [sensor] name
+
+
+def different_sensors(*sensors: tuple[str, Mapping[str, str]]) -> tuple[str, str]:
+    """Return the differing serial numbers of sensors, and their differing names; empty if none.
+
+    Parameters
+    ----------
+    *sensors : (str, mapping of str to str)
+        Name and [job] of each sensor. Names do not matter if all serial numbers are stated and
+        equal.
+    """
+    serials = [job["serial number"] for _, job in sensors if "serial number" in job]
+    names = list(dict.fromkeys(name for name, _ in sensors if name != _UNNAMED))
+    if len(set(serials)) > 1:
+        return " and ".join(dict.fromkeys(serials)), ""
+    return "", "" if len(serials) == len(sensors) or len(names) < 2 else " and ".join(names)
 
 
 def recording_sha256(calibration: Calibration) -> str:

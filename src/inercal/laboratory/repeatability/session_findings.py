@@ -113,6 +113,11 @@ def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
     lines: list[str] = []
     if not fit.variances.converged:
         lines.append("the estimate of the scatter did not converge; do not rely on it")
+    if names := matched.different_names:
+        lines.append(
+            f"the sessions are of sensors with different names, {names}; the result is only valid "
+            "if they are one sensor"
+        )
     lines += [
         f"{label} is an outlier among the sessions (p = {p:.1g}); check whether the sensor or "
         "the bench changed"

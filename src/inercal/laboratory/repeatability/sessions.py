@@ -120,6 +120,11 @@ class MatchedSessions:
     unstated: tuple[str, ...]
     left_out: tuple[str, ...]
 
+    @property
+    def different_names(self) -> str:
+        """Names of the sensors if there are several, although no serial numbers differ."""
+        return _differences(self.sessions)[1]
+
     def level(self, which: int) -> NDArray[np.intp]:
         """Return the index of each session's day (0), mounting (1) or turn-on (2), (k,)."""
         words = [one.level_names()[which] for one in self.sessions]
@@ -160,6 +165,13 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
             "calibrations of one sensor"
         )
     _refuse_one_recording(sessions)
+    serials, _ = _differences(sessions)
+    if serials:
+        raise InputError(
+            f"the calibrations are of different sensors, serial numbers {serials}; give those of "
+            "one sensor, or correct [job] serial_number",
+            key="[job] serial_number",
+        )
     last = sessions[-1].calibration
     matched: list[Calibration] = []
     for one in sessions:
@@ -197,6 +209,11 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
         tuple(s.label for s, is_so in zip(sessions, unstated, strict=True) if is_so),
         tuple(sorted(known - set(names))),
     )
+
+
+def _differences(sessions: Sequence[RepeatedSession]) -> tuple[str, str]:
+    named = ((one.calibration.sensor.name, one.calibration.job) for one in sessions)
+    return comparison.different_sensors(*named)
 
 
 def _refuse_one_recording(sessions: Sequence[RepeatedSession]) -> None:
