@@ -167,9 +167,8 @@ def test_sessions_of_two_sensors_are_refused_by_serial_number_and_named_by_name(
         ])  # fmt: skip
     sensor = replace(first.calibration.sensor, name="TRIAD-2")
     renamed = replace(first, calibration=replace(first.calibration, sensor=sensor))
-    assert repeat([renamed, *others]).fit.matched.different_names
     assert any("TRIAD-2" in line for line in repeat([renamed, *others]).findings)
-    assert not repeat([first, *others]).fit.matched.different_names
+    assert not any("TRIAD" in line for line in repeat([first, *others]).findings)
 
 
 def mixed_sessions(count: int, good: int, seed: int = 4) -> list[RepeatedSession]:

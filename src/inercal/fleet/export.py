@@ -171,6 +171,7 @@ def export_files(
     unreliable: list[str] = []
     outdated: dict[str, str] = {}
     by_id = {row.id: row for row in line.rows}
+    inputs = line.input_files
     columns_read = ("status", "error", "grade", "calibration")
     for rows in latest_rows_by_part(line, folder, columns_read):
         for row in rows:
@@ -178,10 +179,9 @@ def export_files(
                 without[row["id"]] = row["error"] or row["status"]
                 continue
             path = out / f"{row['id']}{target.file_suffix}"
-            if path.exists() and not force:
-                raise InputError(
-                    f"{path} already exists; give another folder, or use --force", file=path
-                )
+            if path.exists() and (not force or path.resolve() in inputs):
+                how = ", or use --force" if path.resolve() not in inputs else ""
+                raise InputError(f"{path} already exists; give another folder{how}", file=path)
             if row["grade"] == "unreliable":
                 unreliable.append(row["id"])
             if row[OUTDATED]:

@@ -16,7 +16,7 @@ together::
 If misalignments are stated in a frame that is fixed to the sensor, a new mounting has no effect.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -53,6 +53,11 @@ class RepeatedSession:
     day: str
     mount: str
     turn_on: str
+
+    @property
+    def named(self) -> tuple[str, Mapping[str, str]]:
+        """Name and [job] of the sensor."""
+        return self.calibration.sensor.name, self.calibration.job
 
     def level_names(self) -> tuple[str, str, str]:
         """Return the texts for day, mount and turn-on."""
@@ -120,11 +125,6 @@ class MatchedSessions:
     unstated: tuple[str, ...]
     left_out: tuple[str, ...]
 
-    @property
-    def different_names(self) -> str:
-        """Names of the sensors if there are several, although no serial numbers differ."""
-        return _differences(self.sessions)[1]
-
     def level(self, which: int) -> NDArray[np.intp]:
         """Return the index of each session's day (0), mounting (1) or turn-on (2), (k,)."""
         words = [one.level_names()[which] for one in self.sessions]
@@ -165,8 +165,7 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
             "calibrations of one sensor"
         )
     _refuse_one_recording(sessions)
-    serials, _ = _differences(sessions)
-    if serials:
+    if serials := comparison.different_sensors(*(one.named for one in sessions))[0]:
         raise InputError(
             f"the calibrations are of different sensors, serial numbers {serials}; give those of "
             "one sensor, or correct [job] serial_number",
@@ -209,11 +208,6 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
         tuple(s.label for s, is_so in zip(sessions, unstated, strict=True) if is_so),
         tuple(sorted(known - set(names))),
     )
-
-
-def _differences(sessions: Sequence[RepeatedSession]) -> tuple[str, str]:
-    named = ((one.calibration.sensor.name, one.calibration.job) for one in sessions)
-    return comparison.different_sensors(*named)
 
 
 def _refuse_one_recording(sessions: Sequence[RepeatedSession]) -> None:
