@@ -49,6 +49,18 @@ def test_the_export_of_one_unreliable_sensor_warns(line: Path, tmp_path: Path):
         assert (ended.status, "S001" in ended.error) == (0, name == "S001")
 
 
+def test_copies_with_other_times_and_cut_ends_are_found(tmp_path: Path):
+    folder = make_line(tmp_path, 5)
+    columns, _ = readings(0)
+    for name, kept, shift in (("S001", slice(None, -1), 0.0), ("S003", slice(7, None), 1e3)):
+        changed = {key: column[kept] for key, column in columns.items()} | {
+            "t": columns["t"][kept] + shift
+        }
+        np.savez(folder / f"recordings/{name}.npz", allow_pickle=False, **changed)
+    made = json.loads(run_program("fleet", "calibrate", folder, "--json").output)
+    assert (made["done"], made["same_recording"]) == (5, [["S000", "S001", "S003"]])
+
+
 @pytest.mark.slow
 def test_one_recording_may_contain_the_columns_of_several_sensors(tmp_path: Path):
     folder = make_line(tmp_path, 1)

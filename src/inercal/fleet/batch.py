@@ -2,11 +2,12 @@
 
 import re
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
+from hashlib import sha256
 from itertools import accumulate, compress
 from pathlib import Path
 from time import perf_counter, process_time
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from inercal.runfile import Run
 
 _MOST_TOGETHER, _MOST_BYTES = 50, 1 << 25  # sensors solved together, and their recordings' sizes
+_AROUND, _DISTINCT = 32, 16  # samples on each side, and different ones: no two sensors share them
 _ONE_LINE = 500  # largest number of characters of an error message
 
 
@@ -211,6 +213,19 @@ def _calibrate(line: Line, work: Work) -> "Outcome":
     return replace(outcome, calibration=replace(outcome.calibration, provenance=provenance))
 
 
+def _fingerprints(outcome: "Outcome") -> Iterator[str]:
+    """Yield a hash of the readings around the largest one in each section, if they vary enough.
+
+    A copy with other times, cut ends or shifted sections has the same hashes.
+    """
+    data = None if outcome.recording is None else outcome.recording.data
+    for mark in outcome.marks if data is not None else ():
+        k = mark.start + int(data[mark.start : mark.stop, 0].argmax())
+        rows = [row.tobytes() for row in data[max(k - _AROUND, 0) : k + _AROUND]]
+        if len(set(rows)) >= _DISTINCT:
+            yield sha256(b"".join(rows)).hexdigest()[:16]
+
+
 def _columns(outcome: "Outcome") -> tuple[dict[str, Any], str]:
     """Return the columns of a result and the hash of the recording."""
     from inercal.calibration.files import calibration_object, canonical_text
@@ -231,5 +246,6 @@ def _columns(outcome: "Outcome") -> tuple[dict[str, Any], str]:
         "std": calibration.std.tolist(),
         "covariance": results.lower_triangle(calibration.covariance),
         "calibration": canonical_text(calibration_object(calibration)),
+        "readings": list(_fingerprints(outcome)),
     }
     return found, calibration.provenance["recording sha256"]

@@ -26,10 +26,19 @@ _LINES, _NAMED = 10, 3  # largest number of printed lines of a kind, and of sens
 _LEAST_ALIKE = 5  # smallest number of sensors whose U is compared
 _BY_CHANCE = 0.05  # largest probability that sensors chosen at random share a value
 _LARGE, _SCATTER = 3.0, 5.0  # an unusual U: times the median, robust standard deviations of log U
-STATUS_COLUMNS = ("error", "grade", "conformity", "verdict", "coefficients", "std")
+STATUS_COLUMNS = ("error", "grade", "conformity", "verdict", "coefficients", "std", "readings")
 """Columns that `table_status` needs in addition to those that decide which result is valid."""
 
-_USED = ("id", "status", "error", "grade", "conformity", "recording", "recording_sha256")
+_USED = (
+    "id",
+    "status",
+    "error",
+    "grade",
+    "conformity",
+    "recording",
+    "recording_sha256",
+    "readings",
+)
 
 
 @dataclass(frozen=True)
@@ -106,7 +115,7 @@ class LineStatus:
         """Return lines that name the sensors that need attention, and repeated recordings."""
         bad = [f"{name} is not to be relied on: {why}" for name, why in self.unreliable.items()]
         alike = [
-            f"{_some(names)} have the same recording; check the column {RECORDING}"
+            f"{_some(names)} were calibrated from the same readings; check the column {RECORDING}"
             for names in self.same_recording
         ]
         failed = [f"{_some(names)}: {reason}" for reason, names in self.reasons]
@@ -264,15 +273,24 @@ def _large_u(table: results.Table) -> dict[str, tuple[str, float]]:
 
 
 def _same_recording(line: Line, rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
-    """Return the sensors with identical recordings; one recording may have columns for several."""
-    done = {row["id"]: row["recording_sha256"] for row in rows if row["status"] == results.DONE}
-    uses = Counter(done.values())
-    alike: dict[tuple[str, str], list[str]] = {}
+    """Return the sensors that share readings; one recording may have columns for several.
+
+    The readings are the same columns of identical files, or those of a section in both files.
+    """
+    done = {row["id"]: row for row in rows if row["status"] == results.DONE}
+    uses = Counter(row["recording_sha256"] for row in done.values())
+    alike: dict[str, list[str]] = {}  # by each fingerprint; sensors that share one share the list
     for sensor in line.rows:
-        if uses[content := done.get(sensor.id, "")] > 1:
-            columns = repr({**line.sections(sensor)["data"], "file": ""})
-            alike.setdefault((content, columns), []).append(sensor.id)
-    return [names for names in alike.values() if len(names) > 1]
+        if (row := done.get(sensor.id)) is None:
+            continue
+        keys = list(row["readings"] or ())
+        if uses[content := row["recording_sha256"]] > 1:
+            columns = {**line.sections(sensor)["data"], "file": ""}
+            keys.append(f"{content} {columns}")
+        names = next((alike[key] for key in keys if key in alike), [])
+        names.append(sensor.id)
+        alike |= {key: alike.get(key, names) for key in keys}
+    return [names for names in {id(one): one for one in alike.values()}.values() if len(names) > 1]
 
 
 def _common_reason(row: Mapping[str, Any]) -> str:
