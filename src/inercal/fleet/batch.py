@@ -231,13 +231,13 @@ def _columns(outcome: "Outcome") -> tuple[dict[str, Any], str]:
     from inercal.calibration.files import calibration_object, canonical_text
 
     calibration, estimate = outcome.calibration, outcome.estimate
-    conformity = calibration.conformity
+    judged = None if outcome.verdict.grade == "unreliable" else calibration.conformity
     found: dict[str, Any] = {
         "method": calibration.method,
         "estimator": calibration.estimator,
         "grade": outcome.verdict.grade,
         "verdict": "\n".join(outcome.verdict.lines),
-        "conformity": None if conformity is None else conformity.result,
+        "conformity": None if judged is None else judged.result,
         "chi2": float(estimate.chi2),
         "dof": float(estimate.dof),
         "birge": float(estimate.birge),

@@ -19,8 +19,8 @@ from inercal.fleet.latest import OUTDATED, latest_results, latest_rows_by_part
 from inercal.fleet.line import RECORDING, Line, SensorRow
 
 COLUMNS = (
-    "id", "recording", "lot", "station", "measured", "status", "error", "grade", "conformity",
-    "chi2", "dof", "recording_sha256", OUTDATED,
+    "id", "recording", "lot", "station", "measured", "status", "error", "grade", "verdict",
+    "conformity", "chi2", "dof", "recording_sha256", OUTDATED,
 )  # fmt: skip
 SUFFIXES = (".csv", ".parquet")
 
@@ -83,6 +83,7 @@ def _wide_row(
     sensor: SensorRow, row: Mapping[str, Any], units: Mapping[str, tuple[str, float]]
 ) -> dict[str, Any]:
     wide: dict[str, Any] = {name: row[name] for name in COLUMNS}
+    wide["verdict"] = (row["verdict"] or "").partition("\n")[0]
     if not row["arrived"]:
         wide[RECORDING] = sensor.recording
     # These columns come from the current table, because columns that do not affect a result may

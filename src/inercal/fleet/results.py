@@ -33,7 +33,8 @@ _NUMBER = "_generation-"  # dataset readers ignore such names
 def schema() -> Any:
     """Return the schema of a part.
 
-    `status` is "done", "failed" or "lost"; `conformity` is the result of [specification], if any;
+    `status` is "done", "failed" or "lost"; `conformity` is the result of [specification], if
+    there are limits and the calibration can be relied on;
     `coefficients` contains names separated by spaces, in the order of `value`, `std` (SI) and of
     the rows of `covariance`, which is the lower triangle row by row; `table` contains the other
     columns of the table of sensors; `calibration` is the calibration file; `arrived` means that the
