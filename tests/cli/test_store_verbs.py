@@ -77,6 +77,7 @@ def test_ten_calibrations_are_imported_listed_and_shown(program: Program, tmp_pa
     said = program("store", "import", *ten(tmp_path), "--by", "Ada")
     assert (said.status, said.err) == (0, "")
     assert said.out.splitlines()[9] == f"{tmp_path / '9.calibration.json'}: calibration #10"
+    assert "register.db" in said.out.splitlines()[-1]
     again = program("store", "import", tmp_path / "9.calibration.json", "--by", "Bob", "--json")
     assert again.json == {
         "register": f"sqlite:///{tmp_path / 'register.db'}",

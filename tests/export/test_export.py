@@ -330,3 +330,10 @@ def test_a_file_of_one_triad_says_what_it_gives_in_one_unit(
         lines = [line for line in cost_lines(made) if kind.name in line]
         units = set(re.findall(r"[\d.]+ ([^\s,;()]*[g°][^\s,;()]*)", " ".join(lines)))
         assert len(units) == 1, lines
+
+
+def test_a_range_of_temperature_without_temperature_terms_is_refused():
+    with refused(key="temperature"):
+        export_calibration(
+            make_calibration("bias"), "px4", options=OPTIONS["px4"], temperature=(273.15, 323.15)
+        )
