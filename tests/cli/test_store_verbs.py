@@ -272,7 +272,10 @@ def test_the_folder_of_a_run_is_imported_and_listed(program: Program, tmp_path: 
     journal.set_state("interrupted")
     journal.close()
     said = program("store", "import", folder.path)
-    assert (said.status, said.out) == (0, f"{folder.path}: run 1\n")
+    assert (said.status, said.out) == (
+        0,
+        f"{folder.path}: run 1\ncreated the register sqlite:///{tmp_path / 'register.db'}\n",
+    )
     (run,) = program("store", "list", "--runs", "--json").json["runs"]
     assert (run["state"], run["kind"], run["folder"]) == (
         "interrupted",

@@ -12,6 +12,7 @@ from inercal.basics.errors import InputError
 from inercal.laboratory.repeatability import RepeatedSession, repeat
 from inercal.laboratory.repeatability.repeated_sessions import advice_lines, required_sessions
 from inercal.laboratory.repeatability.session_findings import outlier_sessions
+from inercal.physics.sensors import Readout
 
 
 def drawn_sessions(
@@ -169,6 +170,15 @@ def test_sessions_of_two_sensors_are_refused_by_serial_number_and_named_by_name(
     renamed = replace(first, calibration=replace(first.calibration, sensor=sensor))
     assert any("TRIAD-2" in line for line in repeat([renamed, *others]).findings)
     assert not any("TRIAD" in line for line in repeat([first, *others]).findings)
+
+
+def test_a_session_with_readings_in_g_is_used_with_the_others():
+    first, *others = drawn_sessions(3)
+    sensor = first.calibration.sensor
+    axes = tuple(replace(one, readout=Readout(1 / 9.80665, 0.0, "g")) for one in sensor.axes)
+    in_g = replace(first.calibration, sensor=replace(sensor, axes=axes))
+    found = repeat([replace(first, calibration=in_g), *others])
+    np.testing.assert_array_equal(found.values, repeat([first, *others]).values)
 
 
 def mixed_sessions(count: int, good: int, seed: int = 4) -> list[RepeatedSession]:

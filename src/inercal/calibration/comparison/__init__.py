@@ -12,7 +12,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InercalError, InputError
 from inercal.basics.keys import CoefficientName
-from inercal.basics.units import ZERO_CELSIUS
+from inercal.basics.units import ZERO_CELSIUS, si_factor
 from inercal.calibration import Calibration
 from inercal.calibration.comparison import changes
 from inercal.calibration.shared_errors import shared_covariance
@@ -270,8 +270,11 @@ def _require_same_axes(calibration: Calibration, like: Calibration) -> None:
                 names=(axis.name,),
             )
         mine, its = axis.readout, other.readout
-        same = np.allclose([mine.scale, mine.offset], [its.scale, its.offset], rtol=1e-12, atol=0)
-        if not same or mine.unit != its.unit:
+        # A readout in g is the same as one in m/s².
+        sizes = [1.0 if one.unit == "SI" else si_factor(one.unit) for one in (mine, its)]
+        nominal = np.array([[mine.scale, mine.offset], [its.scale, its.offset]])
+        first, second = nominal * np.array(sizes)[:, None]
+        if not np.allclose(first, second, rtol=1e-12, atol=0):
             raise InputError(
                 f"its axis {axis.name} has nominally {mine.scale:.9g} {mine.unit} per SI unit and "
                 f"{mine.offset:g} at zero, not {its.scale:.9g} {its.unit} and {its.offset:g}. "
