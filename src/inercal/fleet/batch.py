@@ -214,10 +214,12 @@ def _calibrate(line: Line, work: Work) -> "Outcome":
 
 
 def _fingerprints(outcome: "Outcome") -> Iterator[str]:
-    """Yield a hash of the readings around the largest one in each section, if they vary enough.
+    """Yield hashes of all means, and of the readings around the largest one in each section.
 
-    A copy with other times, cut ends or shifted sections has the same hashes.
+    A copy with other times, cut ends or shifted sections has some of these hashes. Readings that
+    hardly vary have none, because two sensors may have the same ones.
     """
+    yield sha256(outcome.observations.mean.tobytes()).hexdigest()[:16]
     data = None if outcome.recording is None else outcome.recording.data
     for mark in outcome.marks if data is not None else ():
         k = mark.start + int(data[mark.start : mark.stop, 0].argmax())

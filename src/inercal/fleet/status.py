@@ -29,16 +29,7 @@ _LARGE, _SCATTER = 3.0, 5.0  # an unusual U: times the median, robust standard d
 STATUS_COLUMNS = ("error", "grade", "conformity", "verdict", "coefficients", "std", "readings")
 """Columns that `table_status` needs in addition to those that decide which result is valid."""
 
-_USED = (
-    "id",
-    "status",
-    "error",
-    "grade",
-    "conformity",
-    "recording",
-    "recording_sha256",
-    "readings",
-)
+_USED = ("id", "status", "error", "grade", "conformity", "recording", "readings")
 
 
 @dataclass(frozen=True)
@@ -273,23 +264,13 @@ def _large_u(table: results.Table) -> dict[str, tuple[str, float]]:
 
 
 def _same_recording(line: Line, rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
-    """Return the sensors that share readings; one recording may have columns for several.
-
-    The readings are the same columns of identical files, or those of a section in both files.
-    """
-    done = {row["id"]: row for row in rows if row["status"] == results.DONE}
-    uses = Counter(row["recording_sha256"] for row in done.values())
-    alike: dict[str, list[str]] = {}  # by each fingerprint; sensors that share one share the list
-    for sensor in line.rows:
-        if (row := done.get(sensor.id)) is None:
-            continue
-        keys = list(row["readings"] or ())
-        if uses[content := row["recording_sha256"]] > 1:
-            columns = {**line.sections(sensor)["data"], "file": ""}
-            keys.append(f"{content} {columns}")
-        names = next((alike[key] for key in keys if key in alike), [])
-        names.append(sensor.id)
-        alike |= {key: alike.get(key, names) for key in keys}
+    """Return the sensors that share readings; sensors that share a hash share the list of names."""
+    alike: dict[str, list[str]] = {}
+    done = {row["id"]: row["readings"] or () for row in rows if row["status"] == results.DONE}
+    for name in (one.id for one in line.rows if one.id in done):
+        names = next((alike[key] for key in done[name] if key in alike), [])
+        names.append(name)
+        alike |= {key: alike.get(key, names) for key in done[name]}
     return [names for names in {id(one): one for one in alike.values()}.values() if len(names) > 1]
 
 

@@ -16,6 +16,7 @@ from inercal.calibration.delays import delay_words, significant_delays
 from inercal.calibration.validity import READING_MARGIN, distance_outside, temperatures_outside
 from inercal.methods import METHODS
 from inercal.physics.quantities import QUANTITIES
+from inercal.physics.section_settings import key_error
 from inercal.pipeline.calibration_record import CROSSED_COLUMNS, KEPT_CORRECTIONS, crossed_columns
 from inercal.recordings import Finding, Recording, ahead_of_lag
 from inercal.recordings.data import recording_loader
@@ -71,12 +72,8 @@ def sensor_findings(calibration: Calibration, run: Run) -> tuple[Finding, ...]:
     pair = (calibration.sensor.name, calibration.job), (run.sensor.name, run.job)
     serials, names = different_sensors(*pair)
     if serials:
-        raise InputError(
-            f"{run.path}: the calibration and [job] serial_number are of different sensors, "
-            f"{serials}: give the calibration of this sensor, or correct or remove the key",
-            file=run.path,
-            key="[job] serial_number",
-        )
+        text = f"the calibration is of another sensor ({serials}); correct or remove the key"
+        raise key_error("[job] serial_number", text, run.path)
     text = f"the calibration and the run file are of sensors with different names, {names}"
     return (Finding("warning", "sensor", text),) * bool(names) + _crossed_columns(calibration, run)
 

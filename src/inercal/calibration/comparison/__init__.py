@@ -295,13 +295,9 @@ _UNNAMED = "sensor"  # default of [sensor] name
 
 
 def different_sensors(*sensors: tuple[str, Mapping[str, str]]) -> tuple[str, str]:
-    """Return the differing serial numbers of sensors, and their differing names; empty if none.
+    """Return the serial numbers of sensors (name, [job]) if they differ, or else their names.
 
-    Parameters
-    ----------
-    *sensors : (str, mapping of str to str)
-        Name and [job] of each sensor. Names do not matter if all serial numbers are stated and
-        equal.
+    Both are empty if nothing differs, or if all serial numbers are stated and equal.
     """
     serials = [job["serial number"] for _, job in sensors if "serial number" in job]
     names = list(dict.fromkeys(name for name, _ in sensors if name != _UNNAMED))
