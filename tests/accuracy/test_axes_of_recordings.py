@@ -216,8 +216,11 @@ def test_labelled_sections_are_compared_with_the_moves_between_them(mistake: str
             method="six_position",
             sensor={"accelerometer": {"unit": "m/s²"}, "gyro": {"unit": "rad/s"}},
             bench={"gravity": "9.81 m/s² ± 1 mm/s²", "tilt": "1 °", "latitude": "0 °"},
-            **{"time": "t", "label": "face", "marks": "labels"},
-            **{"accelerometer": ["a", "b", "c"], "gyro": ["u", "v", "w"]},
+            time="t",
+            label="face",
+            marks="labels",
+            accelerometer=["a", "b", "c"],
+            gyro=["u", "v", "w"],
         )
 
     # Without the moves, nothing shows the mistake, and a note says so.

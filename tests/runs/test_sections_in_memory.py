@@ -143,7 +143,10 @@ def test_a_stated_bias_instability_does_not_hide_a_white_noise_that_is_too_small
         method="six_position",
         sensor={"accelerometer": {"unit": "g", **noise}},
         bench={"gravity": "9.81 m/s² ± 0.1 mm/s²", "tilt": "0.1 °"},
-        **{"time": "t", "label": "face", "marks": "labels", "accelerometer": ["x", "y", "z"]},
+        time="t",
+        label="face",
+        marks="labels",
+        accelerometer=["x", "y", "z"],
     )
     found = [one.factor for one in outcome.findings if one.what == "noise"]
     assert found == ([] if factor is None else [pytest.approx(factor, rel=0.3)])

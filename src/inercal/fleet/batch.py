@@ -220,10 +220,10 @@ def _fingerprints(outcome: "Outcome") -> Iterator[str]:
     hardly vary have none, because two sensors may have the same ones.
     """
     yield sha256(outcome.observations.mean.tobytes()).hexdigest()[:16]
-    data = None if outcome.recording is None else outcome.recording.data
-    for mark in outcome.marks if data is not None else ():
+    data: Any = None if outcome.recording is None else outcome.recording.data
+    for mark in () if data is None else outcome.marks:
         k = mark.start + int(data[mark.start : mark.stop, 0].argmax())
-        rows = [row.tobytes() for row in data[max(k - _AROUND, 0) : k + _AROUND]]
+        rows: list[bytes] = [row.tobytes() for row in data[max(k - _AROUND, 0) : k + _AROUND]]
         if len(set(rows)) >= _DISTINCT:
             yield sha256(b"".join(rows)).hexdigest()[:16]
 

@@ -268,7 +268,7 @@ def _same_recording(line: Line, rows: Sequence[Mapping[str, Any]]) -> list[list[
     alike: dict[str, list[str]] = {}
     done = {row["id"]: row["readings"] or () for row in rows if row["status"] == results.DONE}
     for name in (one.id for one in line.rows if one.id in done):
-        names = next((alike[key] for key in done[name] if key in alike), [])
+        names = next((alike[key] for key in done[name] if key in alike), list[str]())
         names.append(name)
         alike |= {key: alike.get(key, names) for key in done[name]}
     return [names for names in {id(one): one for one in alike.values()}.values() if len(names) > 1]
