@@ -220,8 +220,10 @@ def _fingerprints(outcome: "Outcome") -> Iterator[str]:
     hardly vary have none, because two sensors may have the same ones.
     """
     yield sha256(outcome.observations.mean.tobytes()).hexdigest()[:16]
-    data: Any = None if outcome.recording is None else outcome.recording.data
-    for mark in () if data is None else outcome.marks:
+    if outcome.recording is None:
+        return
+    data = outcome.recording.data
+    for mark in outcome.marks:
         k = mark.start + int(data[mark.start : mark.stop, 0].argmax())
         rows: list[bytes] = [row.tobytes() for row in data[max(k - _AROUND, 0) : k + _AROUND]]
         if len(set(rows)) >= _DISTINCT:
