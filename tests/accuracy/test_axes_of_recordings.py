@@ -22,9 +22,12 @@ from tests.accuracy.test_generated_recordings import calibrated, session
 from tests.base_seeds import SEEDS, chosen, evidence, sampled
 from tests.refusals import refused
 
+import inercal
 from inercal.basics.errors import InputError
 from inercal.benches.hand import axes_check
+from inercal.benches.hand.axes_check import NO_TURNS
 from inercal.physics.sensors import Axis, Sensor
+from inercal.pipeline import Outcome
 from inercal.pipeline.drafts import draft_run_file
 from inercal.recordings import Mark, Recording
 from inercal.recordings.segments.gravity_turns import TurnVerdict, judge_turns, read_gravity_turns
@@ -206,7 +209,7 @@ def test_turns_that_contradict_the_axes_are_not_to_be_relied_on(
 ):
     changes = ("gy and gz are exchanged and gx is reversed", "gy and gz are exchanged")
     odd = TurnVerdict(5, agree=False, unique=False, misfit=0.03, changes=changes, clear=True)
-    monkeypatch.setattr(axes_check, "judge_turns", lambda _: odd)
+    monkeypatch.setattr(axes_check, "judge_turns", lambda *_, **__: odd)
     outcome = calibrated(tmp_path, with_moves(), marks="found")
     assert outcome.verdict.grade == "unreliable"
     (cause,) = [one for one in outcome.verdict.lines if one.startswith("Most likely cause")]
@@ -215,6 +218,36 @@ def test_turns_that_contradict_the_axes_are_not_to_be_relied_on(
     notes = {axes_check.positions_note(odd._replace(agree=one)) for one in (True, False, None)}
     assert len(notes) == 3
     assert not [one for one in notes if "no turns" in one]
+
+
+@pytest.mark.parametrize("mistake", ["gz", "gyros exchanged", None])
+def test_labelled_sections_are_compared_with_the_moves_between_them(mistake: str | None):
+    made = with_moves()
+    force, rate, changes = MISTAKES.get(mistake or "", (np.eye(3), np.eye(3), ()))
+    data = changed(made.data[0], force, rate)
+    face = np.where(np.isin(made.labels(), list(TURNS)), "", made.labels())
+    columns = {"t": made.time, "face": face, **dict(zip("abcuvw", data.T, strict=True))}
+
+    def calibrate(kept: Array) -> Outcome:
+        return inercal.calibrate(
+            {name: column[kept] for name, column in columns.items()},
+            method="six_position",
+            sensor={"accelerometer": {"unit": "m/s²"}, "gyro": {"unit": "rad/s"}},
+            bench={"gravity": "9.81 m/s² ± 1 mm/s²", "tilt": "1 °", "latitude": "0 °"},
+            time="t",
+            label="face",
+            marks="labels",
+            accelerometer=["a", "b", "c"],
+            gyro=["u", "v", "w"],
+        )
+
+    # Without the moves, nothing shows the mistake, and a note says so.
+    assert NO_TURNS in calibrate(face != "").observations.notes
+    if mistake is None:
+        assert NO_TURNS not in calibrate(np.ones(face.size, dtype=bool)).observations.notes
+        return
+    with refused(names=changes):
+        calibrate(np.ones(face.size, dtype=bool))
 
 
 def test_turns_with_the_axis_down_are_warned_of(tmp_path: Path):

@@ -198,6 +198,7 @@ def test_a_missing_item_is_named(file: str, old: str, key: str, laboratory: Labo
         ("--reason", "why"),
         ("--amends", "A", "--replaces", "B", "--reason", "why"),
         ("--date", "26.11.2026"),
+        ("--date", "2999-01-01"),
         ("--language", "fr"),
         ("--font", "none.ttf"),
         ("--draft", "--amends", "A", "--reason", "why"),

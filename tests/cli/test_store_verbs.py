@@ -77,6 +77,7 @@ def test_ten_calibrations_are_imported_listed_and_shown(program: Program, tmp_pa
     said = program("store", "import", *ten(tmp_path), "--by", "Ada")
     assert (said.status, said.err) == (0, "")
     assert said.out.splitlines()[9] == f"{tmp_path / '9.calibration.json'}: calibration #10"
+    assert "register.db" in said.out.splitlines()[-1]
     again = program("store", "import", tmp_path / "9.calibration.json", "--by", "Bob", "--json")
     assert again.json == {
         "register": f"sqlite:///{tmp_path / 'register.db'}",
@@ -271,7 +272,10 @@ def test_the_folder_of_a_run_is_imported_and_listed(program: Program, tmp_path: 
     journal.set_state("interrupted")
     journal.close()
     said = program("store", "import", folder.path)
-    assert (said.status, said.out) == (0, f"{folder.path}: run 1\n")
+    assert (said.status, said.out) == (
+        0,
+        f"{folder.path}: run 1\ncreated the register sqlite:///{tmp_path / 'register.db'}\n",
+    )
     (run,) = program("store", "list", "--runs", "--json").json["runs"]
     assert (run["state"], run["kind"], run["folder"]) == (
         "interrupted",

@@ -68,7 +68,8 @@ _ABOUT = {
     ),
     "six_position, recorded": (
         "The measurement is the same as for `six_position`, but the data are a recording. Each "
-        "rest is therefore also tested for changes of the readings within the rest."
+        "rest is therefore also tested for changes of the readings within the rest. If gyros are "
+        "recorded with the moves between the rests, exchanged and reversed gyros are detected."
     ),
     "ferraris": (
         "The data are means from an IMU in six positions and in three turns of 360° ± 0.1°. The "

@@ -364,3 +364,10 @@ def test_no_u_is_stated_for_a_kind_whose_bias_is_not_determined(to: str):
         export_calibration(ramp, to, options=OPTIONS.get(to), lossless=True)
     whole = export_calibration(make_calibration(), to, options=OPTIONS.get(to))
     assert not whole.undetermined
+
+
+def test_a_range_of_temperature_without_temperature_terms_is_refused():
+    with refused(key="temperature"):
+        export_calibration(
+            make_calibration("bias"), "px4", options=OPTIONS["px4"], temperature=(273.15, 323.15)
+        )

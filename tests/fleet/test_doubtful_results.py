@@ -1,5 +1,6 @@
 """Sensors that cannot be relied on, and recordings that are used twice, are named."""
 
+import csv
 import json
 import shutil
 from pathlib import Path
@@ -15,7 +16,8 @@ pytest.importorskip("pyarrow")
 @pytest.fixture(scope="module")
 def line(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a line: the z axis of S001 reads 0.6 of nominal, S003 has the recording of S002."""
-    folder = make_line(tmp_path_factory.mktemp("line"), 4)
+    template = TEMPLATE + '[specification.limits]\nbias = "± 100 mg"\n'
+    folder = make_line(tmp_path_factory.mktemp("line"), 4, template=template)
     columns, _ = readings(1)
     np.savez(
         folder / "recordings/S001.npz", allow_pickle=False, **columns | {"z": 0.6 * columns["z"]}
@@ -47,6 +49,23 @@ def test_the_export_of_one_unreliable_sensor_warns(line: Path, tmp_path: Path):
     for name in ("S000", "S001"):
         ended = run_program("fleet", "export", line, tmp_path / f"{name}.json", "--sensor", name)
         assert (ended.status, "S001" in ended.error) == (0, name == "S001")
+    run_program("fleet", "export", line, tmp_path / "table.csv")
+    with (tmp_path / "table.csv").open(encoding="utf-8", newline="") as file:
+        rows = {row["id"]: (row["conformity"], row["verdict"]) for row in csv.DictReader(file)}
+    assert [one for one, _ in rows.values()] == ["pass", "", "pass", "pass"]
+    assert "z accelerometer" in rows["S001"][1]
+
+
+def test_copies_with_other_times_and_cut_ends_are_found(tmp_path: Path):
+    folder = make_line(tmp_path, 5)
+    columns, _ = readings(0)
+    for name, kept, shift in (("S001", slice(None, -1), 0.0), ("S003", slice(7, None), 1e3)):
+        changed = {key: column[kept] for key, column in columns.items()} | {
+            "t": columns["t"][kept] + shift
+        }
+        np.savez(folder / f"recordings/{name}.npz", allow_pickle=False, **changed)
+    made = json.loads(run_program("fleet", "calibrate", folder, "--json").output)
+    assert (made["done"], made["same_recording"]) == (5, [["S000", "S001", "S003"]])
 
 
 @pytest.mark.slow

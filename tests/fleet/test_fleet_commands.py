@@ -297,3 +297,29 @@ def test_a_fleet_that_is_killed_goes_on_to_the_same_rows(
     process.wait()
     assert run_program("fleet", "calibrate", folder, "--retry-failed").status == 0
     assert rows_of(folder) == unbroken_rows
+
+
+def test_an_export_never_replaces_what_the_line_reads(line: Path, tmp_path: Path):
+    run_program("fleet", "calibrate", line)
+    part = next(iter((line / results.FOLDER).glob("*.parquet")))
+    for path in (line / "sensors.csv", part, line / "recordings" / "S000.npz"):
+        before = path.read_bytes()
+        commands = [("export", line, path, "--sensor", "S000")]
+        commands += [("export", line, path)] * (path.suffix != ".npz")
+        for command in commands:
+            ended = run_program("fleet", *command, "--force")
+            assert (ended.status, path.read_bytes() == before) == (2, True), ended.error
+    files = read_line(line).input_files
+    assert {path.name for path in files} == {"run.toml", "sensors.csv"} | {
+        f"S{k:03d}.npz" for k in range(6)
+    }
+
+
+def test_a_column_that_is_no_key_is_named_with_the_table(tmp_path: Path):
+    folder = make_line(tmp_path, 2)
+    rows = [(f"S{k:03d}", f"recordings/S{k:03d}.npz", "1.5") for k in range(2)]
+    write_table(folder, rows, ("ax.k0 [µg]",))
+    with refused(file="sensors.csv", names=("ax.k0 [µg]",)):
+        read_line(folder)
+    write_table(folder, rows, ("ax.k0",))
+    assert "column ax.k0" in run_program("fleet", "calibrate", folder).error

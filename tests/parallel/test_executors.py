@@ -210,6 +210,24 @@ def test_an_interrupt_from_the_keyboard_is_one_line_and_leaves_no_process(
     assert (waiting.returncode, output, errors.splitlines()) == (130, "", ["inercal: stopped"])
 
 
+BLOCKED = """
+from multiprocessing import forkserver
+from pathlib import Path
+from inercal.basics.parallel.worker_process import WorkerContext
+WorkerContext().prepare()
+print(Path(f"/proc/{forkserver._forkserver._forkserver_pid}/status").read_text())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has a server")
+def test_the_server_ignores_interrupts_from_its_first_instruction():
+    ended = subprocess.run(
+        [sys.executable, "-c", BLOCKED], capture_output=True, text=True, check=True
+    )
+    (blocked,) = (one.split()[1] for one in ended.stdout.splitlines() if one.startswith("SigBlk"))
+    assert int(blocked, 16) >> (signal.SIGINT - 1) & 1
+
+
 @pytest.mark.slow
 def test_no_process_outlives_one_that_was_killed(waiting: subprocess.Popen[str]):
     os.kill(waiting.pid, DIES)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 from tests.repeatability.laboratory import KIND, Laboratory, draw
 from tests.repeatability.sessions import sessions_of
 
@@ -11,6 +12,7 @@ from inercal.basics.errors import InputError
 from inercal.laboratory.repeatability import RepeatedSession, repeat
 from inercal.laboratory.repeatability.repeated_sessions import advice_lines, required_sessions
 from inercal.laboratory.repeatability.session_findings import outlier_sessions
+from inercal.physics.sensors import Readout
 
 
 def drawn_sessions(
@@ -155,6 +157,28 @@ def with_uncertainty(one: RepeatedSession, factor: float) -> RepeatedSession:
     return replace(
         one, calibration=replace(calibration, values=values, covariance=factor**2 * own + columns)
     )
+
+
+def test_sessions_of_two_sensors_are_refused_by_serial_number_and_named_by_name():
+    first, *others = drawn_sessions(3)
+    with refused(key="[job] serial_number"):
+        repeat([
+            replace(one, calibration=replace(one.calibration, job={"serial number": str(k // 2)}))
+            for k, one in enumerate([first, *others])
+        ])  # fmt: skip
+    sensor = replace(first.calibration.sensor, name="TRIAD-2")
+    renamed = replace(first, calibration=replace(first.calibration, sensor=sensor))
+    assert any("TRIAD-2" in line for line in repeat([renamed, *others]).findings)
+    assert not any("TRIAD" in line for line in repeat([first, *others]).findings)
+
+
+def test_a_session_with_readings_in_g_is_used_with_the_others():
+    first, *others = drawn_sessions(3)
+    sensor = first.calibration.sensor
+    axes = tuple(replace(one, readout=Readout(1 / 9.80665, 0.0, "g")) for one in sensor.axes)
+    in_g = replace(first.calibration, sensor=replace(sensor, axes=axes))
+    found = repeat([replace(first, calibration=in_g), *others])
+    np.testing.assert_array_equal(found.values, repeat([first, *others]).values)
 
 
 def mixed_sessions(count: int, good: int, seed: int = 4) -> list[RepeatedSession]:

@@ -210,6 +210,10 @@ def test_a_value_instead_of_a_section_is_refused(tmp_path: Path, section: str):
     assert refuse(tmp_path, text, section, {"name": "ferraris"}) == message
 
 
+def test_deviations_of_means_are_refused_for_a_recording(tmp_path: Path):
+    refuse(tmp_path, f'{FERRARIS}\n[data.sd]\naccelerometer = "1 mg"\n', "[data] sd")
+
+
 def test_a_long_value_is_cut(tmp_path: Path):
     text = stated(ON_TABLE, "sensor", f'frame = "{"x" * 1000}"')
     assert len(refuse(tmp_path, text, "[sensor] frame")) < 140

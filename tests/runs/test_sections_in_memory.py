@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from tests.benches.generated_runs import simulate_run, write_run
+from tests.fleet.lines import readings
 from tests.refusals import refused
 
 import inercal
@@ -129,3 +130,23 @@ def test_a_wrong_key_of_a_section_is_refused_by_its_name(folder: Path):
         in_memory(data, content)
     with pytest.raises(TypeError):
         inercal.calibrate(data, job={"number": "1"})
+
+
+@pytest.mark.parametrize(("white", "factor"), [(1.0, 0.1), (10.0, None)])
+def test_a_stated_bias_instability_does_not_hide_a_white_noise_that_is_too_small(
+    white: float, factor: float | None
+):
+    columns, _ = readings(2)  # 0.1 mg per sample at 100 Hz, 10 µg/√Hz
+    noise = {"white": f"{white} µg/√Hz", "bias_instability": "5 µg"}
+    outcome = inercal.calibrate(
+        columns,
+        method="six_position",
+        sensor={"accelerometer": {"unit": "g", **noise}},
+        bench={"gravity": "9.81 m/s² ± 0.1 mm/s²", "tilt": "0.1 °"},
+        time="t",
+        label="face",
+        marks="labels",
+        accelerometer=["x", "y", "z"],
+    )
+    found = [one.factor for one in outcome.findings if one.what == "noise"]
+    assert found == ([] if factor is None else [pytest.approx(factor, rel=0.3)])

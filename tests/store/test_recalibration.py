@@ -1,5 +1,7 @@
 """When a sensor should be calibrated next: by each method, from histories whose answer is known."""
 
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from inercal.laboratory.store import Register, SensorHistory
 from inercal.laboratory.store.history_text import (
     expanded_text,
     history_lines,
+    interval_text,
     limit_text,
     newest_run_to_run,
     recalibration_lines,
@@ -60,6 +63,26 @@ def test_a_limit_below_u_is_exceeded_now(history: SensorHistory):
     assert found.date == history.entries[-1].measured[:10]
     staircase = next(one.staircase for one in found.rows if one.name == "ax.k0")
     assert staircase == pytest.approx(SHORTER * float(np.diff(history.trends[0].time)[-1]))
+
+
+def test_days_hours_and_date_agree_and_the_earlier_limit_leads(
+    history: SensorHistory, monkeypatch: pytest.MonkeyPatch
+):
+    newest = date.fromisoformat(history.entries[-1].measured[:10])
+    for limit in np.arange(80.0, 120.0, 4.0).tolist():
+        found = recalibration(history, {"ax.k0": f"{limit} µg"}, 0.2)
+        assert found.date is not None
+        days = int(interval_text(found.years))
+        assert (date.fromisoformat(found.date) - newest).days == days > 0, limit
+    found = recalibration(history, {"ax.k0": "0.61 mg"}, 0.2)
+    hours = tuple(100.0 * k for k in range(len(history.entries)))
+    monkeypatch.setitem(vars(history), "operating_hours", hours)
+    for left in (64.0, 1e5):
+        one = replace(found, rows=tuple(replace(row, hours=left) for row in found.rows))
+        assert one.operating_hours == hours[-1] + min(left, 200.0)
+        assert found.hours_in_use is not None
+        leads = "operating hours" in recalibration_lines(one)[0]
+        assert leads == (min(left, 200.0) < found.hours_in_use)
 
 
 def test_the_u_that_exceeds_a_limit_is_stated(history: SensorHistory):

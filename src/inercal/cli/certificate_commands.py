@@ -2,7 +2,7 @@
 
 import os
 import sys
-from datetime import date
+from datetime import date, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -232,9 +232,12 @@ def _read_date(text: str | None) -> date:
     if text is None:
         return date.today()
     try:
-        return date.fromisoformat(text)
+        found = date.fromisoformat(text)
     except ValueError:
         raise _option_error("--date", f"{text!r} is not a date such as 2026-11-26") from None
+    if found > date.today() + timedelta(days=1):  # somewhere else it may be tomorrow
+        raise _option_error("--date", f"{text} is in the future")
+    return found
 
 
 def _option_error(key: str, message: str) -> Exception:

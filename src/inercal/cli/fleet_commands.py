@@ -172,7 +172,7 @@ def report(
         from inercal.report import require_report_packages
 
         require_report_packages()
-        check_outputs({path: PAGE}, force=force or None)
+        check_outputs({path: PAGE}, read_line(line).input_files, force=force or None)
     with progress_status(f"comparing the sensors of {line}"):
         folder = line / results.FOLDER if out is None else out
         found = fleet_statistics(read_population(read_line(line), folder))
@@ -248,8 +248,9 @@ def export(
         if given:
             raise InputError(f"{option} needs --to: name a target", key=option)
     kind = CALIBRATION if sensor is not None else OutputKind("table of sensors")
-    check_outputs({path: kind}, force=force, key="PATH")
     read = read_line(line)
+    inputs = {*read.input_files, *results.part_paths(folder)}
+    check_outputs({path: kind}, inputs, force=force, key="PATH")
     if sensor is not None:
         calibration = sensor_calibration(read, folder, sensor)
         save(calibration, path)

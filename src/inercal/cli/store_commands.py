@@ -234,6 +234,7 @@ def import_(
         )
     entered: list[dict[str, Any]] = []
     with open_register(register, by) as opened:
+        is_new = not opened.exists
         try:
             for path in paths:
                 entered.append(_enter_path(opened, path, measured))
@@ -241,6 +242,8 @@ def import_(
                     print(_entry_line(entered[-1]))
             if not json:
                 _print_dates(opened, entered, measured)
+                if is_new:
+                    print(f"created the register {opened.address}")
         except InercalError:
             done, left = len(entered), len(paths) - len(entered) - 1
             if done or left:

@@ -81,6 +81,9 @@ def calibrated_ranges(
                 raise InputError(f"{name} from {shown}: give the lower end first", key=name)
             known[name] = stated
     if temperature is not None:
+        if not calibration.sensor.uses("dT", "dTdt"):
+            text = "the calibration has no temperature terms: remove the range of temperature"
+            raise InputError(text, key="temperature")
         require_inside(
             calibration.sensor,
             calibration.validity,

@@ -2,11 +2,12 @@
 
 import re
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
+from hashlib import sha256
 from itertools import accumulate, compress
 from pathlib import Path
 from time import perf_counter, process_time
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from inercal.runfile import Run
 
 _MOST_TOGETHER, _MOST_BYTES = 50, 1 << 25  # sensors solved together, and their recordings' sizes
+_AROUND, _DISTINCT = 32, 16  # samples on each side, and different ones: no two sensors share them
 _ONE_LINE = 500  # largest number of characters of an error message
 
 
@@ -211,18 +213,35 @@ def _calibrate(line: Line, work: Work) -> "Outcome":
     return replace(outcome, calibration=replace(outcome.calibration, provenance=provenance))
 
 
+def _fingerprints(outcome: "Outcome") -> Iterator[str]:
+    """Yield hashes of all means, and of the readings around the largest one in each section.
+
+    A copy with other times, cut ends or shifted sections has some of these hashes. Readings that
+    hardly vary have none, because two sensors may have the same ones.
+    """
+    yield sha256(outcome.observations.mean.tobytes()).hexdigest()[:16]
+    if outcome.recording is None:
+        return
+    data = outcome.recording.data
+    for mark in outcome.marks:
+        k = mark.start + int(data[mark.start : mark.stop, 0].argmax())
+        rows: list[bytes] = [row.tobytes() for row in data[max(k - _AROUND, 0) : k + _AROUND]]
+        if len(set(rows)) >= _DISTINCT:
+            yield sha256(b"".join(rows)).hexdigest()[:16]
+
+
 def _columns(outcome: "Outcome") -> tuple[dict[str, Any], str]:
     """Return the columns of a result and the hash of the recording."""
     from inercal.calibration.files import calibration_object, canonical_text
 
     calibration, estimate = outcome.calibration, outcome.estimate
-    conformity = calibration.conformity
+    judged = None if outcome.verdict.grade == "unreliable" else calibration.conformity
     found: dict[str, Any] = {
         "method": calibration.method,
         "estimator": calibration.estimator,
         "grade": outcome.verdict.grade,
         "verdict": "\n".join(outcome.verdict.lines),
-        "conformity": None if conformity is None else conformity.result,
+        "conformity": None if judged is None else judged.result,
         "chi2": float(estimate.chi2),
         "dof": float(estimate.dof),
         "birge": float(estimate.birge),
@@ -231,5 +250,6 @@ def _columns(outcome: "Outcome") -> tuple[dict[str, Any], str]:
         "std": calibration.std.tolist(),
         "covariance": results.lower_triangle(calibration.covariance),
         "calibration": canonical_text(calibration_object(calibration)),
+        "readings": list(_fingerprints(outcome)),
     }
     return found, calibration.provenance["recording sha256"]

@@ -164,7 +164,12 @@ def _refuse_wrong_run_files(line: Line, todo: list[Work], refused: list[_Refused
                 errors[shape] = None
             except InercalError as error:
                 has_file = isinstance(error, InputError) and error.file is not None
-                errors[shape] = error if has_file else error.located(line.path)
+                named = (error.key or "-").replace("] ", ".").strip("[]")
+                column = next(
+                    (one for one in line.columns if f"{one}.".startswith(f"{named}.")), ""
+                )
+                error = error if has_file else error.located(line.path)
+                errors[shape] = error.located(f"column {column}") if column else error
         error = errors[shape]
         if error is None:
             kept.append(work)

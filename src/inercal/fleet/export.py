@@ -19,8 +19,8 @@ from inercal.fleet.latest import OUTDATED, latest_results, latest_rows_by_part
 from inercal.fleet.line import RECORDING, Line, SensorRow
 
 COLUMNS = (
-    "id", "recording", "lot", "station", "measured", "status", "error", "grade", "conformity",
-    "chi2", "dof", "recording_sha256", OUTDATED,
+    "id", "recording", "lot", "station", "measured", "status", "error", "grade", "verdict",
+    "conformity", "chi2", "dof", "recording_sha256", OUTDATED,
 )  # fmt: skip
 SUFFIXES = (".csv", ".parquet")
 
@@ -83,6 +83,7 @@ def _wide_row(
     sensor: SensorRow, row: Mapping[str, Any], units: Mapping[str, tuple[str, float]]
 ) -> dict[str, Any]:
     wide: dict[str, Any] = {name: row[name] for name in COLUMNS}
+    wide["verdict"] = (row["verdict"] or "").partition("\n")[0]
     if not row["arrived"]:
         wide[RECORDING] = sensor.recording
     # These columns come from the current table, because columns that do not affect a result may
@@ -171,6 +172,7 @@ def export_files(
     unreliable: list[str] = []
     outdated: dict[str, str] = {}
     by_id = {row.id: row for row in line.rows}
+    inputs = line.input_files
     columns_read = ("status", "error", "grade", "calibration")
     for rows in latest_rows_by_part(line, folder, columns_read):
         for row in rows:
@@ -178,10 +180,9 @@ def export_files(
                 without[row["id"]] = row["error"] or row["status"]
                 continue
             path = out / f"{row['id']}{target.file_suffix}"
-            if path.exists() and not force:
-                raise InputError(
-                    f"{path} already exists; give another folder, or use --force", file=path
-                )
+            if path.exists() and (not force or path.resolve() in inputs):
+                how = ", or use --force" if path.resolve() not in inputs else ""
+                raise InputError(f"{path} already exists; give another folder{how}", file=path)
             if row["grade"] == "unreliable":
                 unreliable.append(row["id"])
             if row[OUTDATED]:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from difflib import get_close_matches
 from functools import cached_property
+from glob import glob
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
@@ -38,6 +39,7 @@ MEASURED = "measured"
 GROUPS = ("lot", "station", MEASURED)  # columns that define the groups to compare
 _NEEDED = (ID, RECORDING)
 _PLACEHOLDER = re.compile(r"\{([A-Za-z_][\w.]*)(:number)?\}")
+_DOTTED = re.compile(r"\w+(\.\w+)+")
 _PARQUET = Isolation("a Parquet file", libraries=("pyarrow.parquet",), extra="fleet", key="")
 _LARGEST_TABLE = 1 << 30  # bytes
 
@@ -122,9 +124,7 @@ class Line:
         used = [f"{name}={row.columns[name]}" for name in self._kept if row.columns.get(name)]
         # The recording itself has its own hash.
         place = row.recording if RECORDING in self.placeholders else ""
-        values = {ID: row.id, RECORDING: row.recording, **row.columns}
-        texts = [_PLACEHOLDER.sub(lambda one: values[one[1]], text) for text in self._varying]
-        texts += [text for name, text in row.columns.items() if "." in name]
+        texts = self._filled(row) + [text for name, text in row.columns.items() if "." in name]
         named = file_digests(self.folder, texts, leave_out=row.recording)
         hashed.update("\0".join((row.id, place, *used, *named)).encode())
         return hashed.hexdigest()
@@ -168,6 +168,20 @@ class Line:
     def columns(self) -> tuple[str, ...]:
         """Return the names of the table's columns, except id and recording."""
         return tuple(self.rows[0].columns) if self.rows else ()
+
+    @property
+    def input_files(self) -> set[Path]:
+        """Return the resolved paths of the template, the tables, and all files that they name."""
+        texts = {TEMPLATE, *TABLES, *texts_of(self.template)}
+        for row in self.rows:
+            texts |= {row.recording, *row.columns.values(), *self._filled(row)}
+        names = {one for text in texts for one in (text, *glob(text, root_dir=self.folder))}
+        return {(self.folder / name).resolve() for name in names if is_file(self.folder / name)}
+
+    def _filled(self, row: SensorRow) -> list[str]:
+        """Return the texts in the template that differ from sensor to sensor, for one of them."""
+        values = {ID: row.id, RECORDING: row.recording, **row.columns}
+        return [_PLACEHOLDER.sub(lambda one: values[one[1]], text) for text in self._varying]
 
     def sections(self, row: SensorRow) -> dict[str, Any]:
         """Return the sections of a sensor's run file, with placeholders replaced by values.
@@ -229,6 +243,13 @@ def read_line(folder: str | Path) -> Line:
             f"{', '.join(sorted(known))}",
             names=tuple(missing),
         ).located(path)
+    for name in line.columns:
+        if "." in name and not _DOTTED.fullmatch(name):
+            raise InputError(
+                f"column {name!r}: a name with a dot must be a key of the run file, such as "
+                "bench.gravity; rename or remove the column",
+                names=(name,),
+            ).located(table)
     return line
 
 

@@ -33,11 +33,13 @@ _NUMBER = "_generation-"  # dataset readers ignore such names
 def schema() -> Any:
     """Return the schema of a part.
 
-    `status` is "done", "failed" or "lost"; `conformity` is the result of [specification], if any;
+    `status` is "done", "failed" or "lost"; `conformity` is the result of [specification], if
+    there are limits and the calibration can be relied on;
     `coefficients` contains names separated by spaces, in the order of `value`, `std` (SI) and of
     the rows of `covariance`, which is the lower triangle row by row; `table` contains the other
     columns of the table of sensors; `calibration` is the calibration file; `arrived` means that the
-    recording arrived at a station and may be elsewhere than stated in the table.
+    recording arrived at a station and may be elsewhere than stated in the table; `readings`
+    contains hashes of some readings in each section, which copies of a recording share.
     """
     pa = _arrow()
     text, real = pa.string(), pa.float64()
@@ -52,7 +54,7 @@ def schema() -> Any:
             ("covariance", pa.list_(real)), ("calibration", text), ("recording_sha256", text),
             ("sections_sha256", text), ("inercal", text), ("size", pa.int64()), ("mark", text),
             ("seconds", real), ("created", text), ("generation", pa.int64()),
-            ("arrived", pa.bool_()),
+            ("arrived", pa.bool_()), ("readings", pa.list_(text)),
         ]
     )  # fmt: skip
 

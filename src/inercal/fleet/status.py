@@ -26,10 +26,10 @@ _LINES, _NAMED = 10, 3  # largest number of printed lines of a kind, and of sens
 _LEAST_ALIKE = 5  # smallest number of sensors whose U is compared
 _BY_CHANCE = 0.05  # largest probability that sensors chosen at random share a value
 _LARGE, _SCATTER = 3.0, 5.0  # an unusual U: times the median, robust standard deviations of log U
-STATUS_COLUMNS = ("error", "grade", "conformity", "verdict", "coefficients", "std")
+STATUS_COLUMNS = ("error", "grade", "conformity", "verdict", "coefficients", "std", "readings")
 """Columns that `table_status` needs in addition to those that decide which result is valid."""
 
-_USED = ("id", "status", "error", "grade", "conformity", "recording", "recording_sha256")
+_USED = ("id", "status", "error", "grade", "conformity", "recording", "readings")
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class LineStatus:
         """Return lines that name the sensors that need attention, and repeated recordings."""
         bad = [f"{name} is not to be relied on: {why}" for name, why in self.unreliable.items()]
         alike = [
-            f"{_some(names)} have the same recording; check the column {RECORDING}"
+            f"{_some(names)} were calibrated from the same readings; check the column {RECORDING}"
             for names in self.same_recording
         ]
         failed = [f"{_some(names)}: {reason}" for reason, names in self.reasons]
@@ -264,15 +264,14 @@ def _large_u(table: results.Table) -> dict[str, tuple[str, float]]:
 
 
 def _same_recording(line: Line, rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
-    """Return the sensors with identical recordings; one recording may have columns for several."""
-    done = {row["id"]: row["recording_sha256"] for row in rows if row["status"] == results.DONE}
-    uses = Counter(done.values())
-    alike: dict[tuple[str, str], list[str]] = {}
-    for sensor in line.rows:
-        if uses[content := done.get(sensor.id, "")] > 1:
-            columns = repr({**line.sections(sensor)["data"], "file": ""})
-            alike.setdefault((content, columns), []).append(sensor.id)
-    return [names for names in alike.values() if len(names) > 1]
+    """Return the sensors that share readings; sensors that share a hash share the list of names."""
+    alike: dict[str, list[str]] = {}
+    done = {row["id"]: row["readings"] or () for row in rows if row["status"] == results.DONE}
+    for name in (one.id for one in line.rows if one.id in done):
+        names = next((alike[key] for key in done[name] if key in alike), list[str]())
+        names.append(name)
+        alike |= {key: alike.get(key, names) for key in done[name]}
+    return [names for names in {id(one): one for one in alike.values()}.values() if len(names) > 1]
 
 
 def _common_reason(row: Mapping[str, Any]) -> str:

@@ -11,10 +11,12 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
+from inercal.calibration.comparison import different_sensors
 from inercal.calibration.delays import delay_words, significant_delays
 from inercal.calibration.validity import READING_MARGIN, distance_outside, temperatures_outside
 from inercal.methods import METHODS
 from inercal.physics.quantities import QUANTITIES
+from inercal.physics.section_settings import key_error
 from inercal.pipeline.calibration_record import CROSSED_COLUMNS, KEPT_CORRECTIONS, crossed_columns
 from inercal.recordings import Finding, Recording, ahead_of_lag
 from inercal.recordings.data import recording_loader
@@ -57,7 +59,24 @@ def require_same_corrections(
     ).located(run.path)
 
 
-def crossed_column_findings(calibration: Calibration, run: Run) -> tuple[Finding, ...]:
+def sensor_findings(calibration: Calibration, run: Run) -> tuple[Finding, ...]:
+    """Return warnings if the sensor's name, or the columns' order or signs, are not those before.
+
+    Raises
+    ------
+    InputError
+        The run states another serial number than the calibration.
+    """
+    pair = (calibration.sensor.name, calibration.job), (run.sensor.name, run.job)
+    serials, names = different_sensors(*pair)
+    if serials:
+        text = f"the calibration is of another sensor ({serials}); correct or remove the key"
+        raise key_error("[job] serial_number", text, run.path)
+    text = f"the calibration and the run file are of sensors with different names, {names}"
+    return (Finding("warning", "sensor", text),) * bool(names) + _crossed_columns(calibration, run)
+
+
+def _crossed_columns(calibration: Calibration, run: Run) -> tuple[Finding, ...]:
     """Return a warning if the order or the signs of the columns differ from the calibration's."""
     here, there = crossed_columns(run), calibration.conditions.get(CROSSED_COLUMNS, "")
     if here == there:
@@ -216,6 +235,7 @@ def apply(
         temperatures are outside the range of the calibration.
     """
     run = run if isinstance(run, Run) else read(run)
+    about_sensor = sensor_findings(calibration, run)
     require_same_readout(calibration, run)
     recording = load_recording(run.with_all_axes)
     environment = run.environment
@@ -246,7 +266,7 @@ def apply(
     return replace(
         recording,
         findings=(
-            *crossed_column_findings(calibration, run),
+            *about_sensor,
             *recording.findings,
             *warmer,
             *beyond,

@@ -3,7 +3,8 @@
 For a recording, the noise density of the means is compared with [sensor] white. In addition to
 white noise N, a mean over T contains the effects of bias instability B, random walk K and the
 quantisation step q. The variance of these effects is at most B² + K² T/3 + q²/12, and the
-comparison takes it into account. If the sensor moves or is held by hand, its readings scatter by
+comparison takes it into account. The density is estimated from n shorter means in each section, so
+for B and q at most 4/n of T counts. If the sensor moves or is held by hand, its readings scatter by
 more than its noise. In these cases, only a stated white noise that is too large can be detected.
 
 For a table of means, the noise is only known from the run file, and the residuals show whether it
@@ -40,6 +41,7 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations, Severity
 
 _LARGE_RATIO = 2.0  # ratio of noise above which unit or scale is doubtful
+_CORRELATED = 4.0  # slow noise, which is correlated, may double the estimate from shorter means
 _SEEN = 0.5  # of a rounding step; rounding hides smaller noise
 
 
@@ -116,6 +118,9 @@ def _recorded_noise(
         hidden = (rounding.steps.step > 0) & (rounding.steps.noise < _SEEN)
     resting = np.array([not by_hand and _is_at_rest(step) for step in steps])
     duration = observations.duration[:, None]
+    # The noise was estimated from the scatter of this many shorter means in each section.
+    batches = observations.dof / max(int(resting.sum()), 1) + 1
+    shorter = min(_CORRELATED / batches, 1.0)
     for kind, quantity in QUANTITIES.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind and not hidden[k]]
         noises = [sensor.axes[k].noise for k in own]
@@ -124,7 +129,7 @@ def _recorded_noise(
         stated = np.array([noise.white**2 for noise in noises])
         slow = np.array([n.bias_instability**2 + n.quantisation**2 / 12 for n in noises])
         walk = np.array([n.random_walk**2 for n in noises])
-        most = stated + slow * duration + walk * duration**2 / 3
+        most = stated + slow * duration * shorter + walk * duration**2 / 3
         density = variance[:, own] * duration
         low = np.median(density / stated, axis=0)
         high = np.median((density / most)[resting], axis=0) if resting.any() else np.ones(len(own))
@@ -135,7 +140,7 @@ def _recorded_noise(
         unit, section = quantity.noise_unit, quantity.sensor
         size = si_factor(unit, f"({quantity.unit})/√Hz")
         if high[too_small] > _LARGE_RATIO**2:
-            k, ratio, severity = too_small, float(high[too_small]) ** -0.5, "warning"
+            k, ratio, severity = too_small, float(low[too_small]) ** -0.5, "warning"
         elif compared is not None:
             k, ratio = compared.axis, compared.ratio
             severity: Severity = "warning" if severe or ratio > _LARGE_RATIO else "note"

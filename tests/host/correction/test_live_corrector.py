@@ -214,3 +214,15 @@ def test_another_readout_than_that_of_the_calibration_is_refused(
         apply(replace(made, sensor=sensor), run)
     assert differs in str(refusal.value)
     assert ("offset" in readout) == ("only" in str(refusal.value))
+
+
+def test_the_calibration_of_another_sensor_is_refused_by_number_and_named_by_name(tmp_path: Path):
+    run = replace(run_of(tmp_path, NAMED), job={"serial number": "5512"})
+    (tmp_path / "samples.csv").write_text(HEADER + "\n" + "".join(lines(20, 8)), encoding="utf-8")
+    made = calibration_of(run)
+    other = replace(made, sensor=replace(made.sensor, name="TRIAD-9"))
+    apply(replace(other, job=run.job), run)
+    found = {one.what for one in apply(other, run).findings}
+    assert "sensor" in found
+    with refused(key="[job] serial_number"):
+        apply(replace(made, job={"serial number": "9"}), run)

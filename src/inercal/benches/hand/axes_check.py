@@ -30,6 +30,11 @@ _UNKNOWN = (
 )
 
 _MANY_TURNS = 5  # more than these agree with some order of the axes, unless it changes
+NO_TURNS = (
+    "the movements between the sections could not be compared with gravity, for example because "
+    "they are not in the recording, so exchanged or reversed gyro columns cannot be detected"
+)
+
 _FAR = 0.5  # of gravity; larger than the bias of any working accelerometer
 _NEAR = 0.1  # relative difference between the radius and gravity, from scale factors
 
@@ -54,7 +59,8 @@ def check_axes(
         them agree.
     """
     ordered = sorted(rests, key=lambda one: one.start)
-    found = judge_turns(read_gravity_turns(recording, run.sensor, ordered))
+    turns = read_gravity_turns(recording, run.sensor, ordered)
+    found = judge_turns(turns, others=run.data.marks == "found")
     if found.agree is None and found.turns > _MANY_TURNS:
         text = f"{found.turns} turns between rests agree with no order and signs of the axes: "
         text += "columns may be exchanged or wrong in a part of the recording"

@@ -9,7 +9,7 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
-from inercal.benches.hand.axes_check import check_axes, explain_norm, positions_note
+from inercal.benches.hand.axes_check import NO_TURNS, check_axes, explain_norm, positions_note
 from inercal.benches.hand.bench import Hand, visit_number
 from inercal.benches.hand.magnetic_reading import require_earth_field, with_magnetometers
 from inercal.physics.plan import HandStep, Hold, Turn
@@ -126,6 +126,13 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
         findings += recording_loader.require_not_refused(run.data.file, odd)
     if not run.method.unknown_attitudes:
         findings += segments.check_against_plan(observations, sensor, steps, bench.gravity.value)
+        if recording is not None and run.data.marks != "found" and sensor.rank("w") == len("xyz"):
+            turned = any(isinstance(step, Turn) for step in steps)
+            holds = [m for m in marks if isinstance(steps[rows[m.label]], Hold)]
+            axes, odd = check_axes(run, recording, holds)
+            findings += odd
+            if axes.agree is None and not turned and sensor.rank("f") == len("xyz"):
+                observations = replace(observations, notes=(*observations.notes, NO_TURNS))
     if forces:
         findings = explain_norm(findings, means, sensor, bench.gravity.value)
     if run.magnetometer is not None:

@@ -3,7 +3,7 @@
 Both calibrations are first converted to the same axes, nominal readout, model form and body frame.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,7 +12,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InercalError, InputError
 from inercal.basics.keys import CoefficientName
-from inercal.basics.units import ZERO_CELSIUS
+from inercal.basics.units import ZERO_CELSIUS, si_factor
 from inercal.calibration import Calibration
 from inercal.calibration.comparison import changes
 from inercal.calibration.shared_errors import shared_covariance
@@ -270,8 +270,11 @@ def _require_same_axes(calibration: Calibration, like: Calibration) -> None:
                 names=(axis.name,),
             )
         mine, its = axis.readout, other.readout
-        same = np.allclose([mine.scale, mine.offset], [its.scale, its.offset], rtol=1e-12, atol=0)
-        if not same or mine.unit != its.unit:
+        # A readout in g is the same as one in m/s².
+        sizes = [1.0 if one.unit == "SI" else si_factor(one.unit) for one in (mine, its)]
+        nominal = np.array([[mine.scale, mine.offset], [its.scale, its.offset]])
+        first, second = nominal * np.array(sizes)[:, None]
+        if not np.allclose(first, second, rtol=1e-12, atol=0):
             raise InputError(
                 f"its axis {axis.name} has nominally {mine.scale:.9g} {mine.unit} per SI unit and "
                 f"{mine.offset:g} at zero, not {its.scale:.9g} {its.unit} and {its.offset:g}. "
@@ -286,6 +289,21 @@ def fixed_coefficients(calibration: Calibration) -> frozenset[str]:
     sensor = calibration.sensor
     rows = zip(sensor.coefficients, calibration.std, sensor.unit_scale, strict=True)
     return frozenset(name for name, std, unit_scale in rows if std <= _FIXED_STD * unit_scale)
+
+
+_UNNAMED = "sensor"  # default of [sensor] name
+
+
+def different_sensors(*sensors: tuple[str, Mapping[str, str]]) -> tuple[str, str]:
+    """Return the serial numbers of sensors (name, [job]) if they differ, or else their names.
+
+    Both are empty if nothing differs, or if all serial numbers are stated and equal.
+    """
+    serials = [job["serial number"] for _, job in sensors if "serial number" in job]
+    names = list(dict.fromkeys(name for name, _ in sensors if name != _UNNAMED))
+    if len(set(serials)) > 1:
+        return " and ".join(dict.fromkeys(serials)), ""
+    return "", "" if len(serials) == len(sensors) or len(names) < 2 else " and ".join(names)
 
 
 def recording_sha256(calibration: Calibration) -> str:

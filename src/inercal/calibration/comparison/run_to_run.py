@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.calibration.comparison import Comparison
+from inercal.calibration.comparison import Comparison, different_sensors
 from inercal.calibration.comparison.changes import CHANCE_FRACTION, JointTest, joint_test
 from inercal.calibration.grade import GRADE_WORDS
 from inercal.calibration.specification import load_next_use
@@ -169,12 +169,10 @@ def joint_test_text(test: JointTest) -> str:
 
 def comparison_lines(compared: Comparison) -> list[str]:
     """Return the text lines with the results of a comparison."""
-    first, second = compared.first.sensor.name, compared.second.sensor.name
-    lines = (
-        [f"the calibrations are of different sensors: {first} and {second}"]
-        if first != second
-        else []
-    )
+    both = compared.first, compared.second
+    serials, names = different_sensors(*((one.sensor.name, one.job) for one in both))
+    apart = f"serial numbers {serials}" if serials else names
+    lines = [f"the calibrations are of different sensors: {apart}"] * bool(apart)
     if compared.same_recording:
         lines.append(
             "both are from the same recording and share its errors: E_n cannot show a change"

@@ -23,7 +23,7 @@ from inercal.host.correction import outputs
 from inercal.host.correction.sources import Source
 from inercal.host.correction.text_rows import ArrivedPackets, ArrivedRows, TextRows, layout_of_file
 from inercal.host.link import LinkLost
-from inercal.pipeline.correction import crossed_column_findings
+from inercal.pipeline.correction import sensor_findings
 from inercal.pipeline.live_correction import LiveCorrector, SampleFlag
 from inercal.runfile import Run
 
@@ -256,7 +256,7 @@ def open_correction(
         )
     corrector, opened = LiveCorrector(calibration, run, extrapolate=extrapolate), Source(source)
     run = corrector.run
-    for finding in crossed_column_findings(calibration, run):
+    for finding in sensor_findings(calibration, run):
         tell(f"warning: {finding.message}")
     if link_of_address(source) != source:
         parser = ArrivedPackets(run, layout_of_address(source))

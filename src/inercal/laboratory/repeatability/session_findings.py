@@ -9,6 +9,7 @@ import scipy
 
 from inercal.basics.arrays import Array
 from inercal.basics.units import format_quantity
+from inercal.calibration.comparison import different_sensors
 from inercal.laboratory.repeatability.session_fit import SessionFit, fit_sessions
 from inercal.laboratory.repeatability.sessions import Owner, named_effects, scatter
 
@@ -113,6 +114,11 @@ def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
     lines: list[str] = []
     if not fit.variances.converged:
         lines.append("the estimate of the scatter did not converge; do not rely on it")
+    if names := different_sensors(*(one.named for one in matched.sessions))[1]:
+        lines.append(
+            f"the sessions are of sensors with different names, {names}; the result is only valid "
+            "if they are one sensor"
+        )
     lines += [
         f"{label} is an outlier among the sessions (p = {p:.1g}); check whether the sensor or "
         "the bench changed"

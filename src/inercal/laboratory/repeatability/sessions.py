@@ -16,7 +16,7 @@ together::
 If misalignments are stated in a frame that is fixed to the sensor, a new mounting has no effect.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -53,6 +53,11 @@ class RepeatedSession:
     day: str
     mount: str
     turn_on: str
+
+    @property
+    def named(self) -> tuple[str, Mapping[str, str]]:
+        """Name and [job] of the sensor."""
+        return self.calibration.sensor.name, self.calibration.job
 
     def level_names(self) -> tuple[str, str, str]:
         """Return the texts for day, mount and turn-on."""
@@ -160,6 +165,12 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
             "calibrations of one sensor"
         )
     _refuse_one_recording(sessions)
+    if serials := comparison.different_sensors(*(one.named for one in sessions))[0]:
+        raise InputError(
+            f"the calibrations are of different sensors, serial numbers {serials}; give those of "
+            "one sensor, or correct [job] serial_number",
+            key="[job] serial_number",
+        )
     last = sessions[-1].calibration
     matched: list[Calibration] = []
     for one in sessions:

@@ -5,7 +5,7 @@ Describe the date of the next calibration in words and rounded numbers.
 
 from collections.abc import Collection, Sequence
 from datetime import datetime
-from math import isfinite
+from math import floor, isfinite
 
 import numpy as np
 
@@ -222,7 +222,7 @@ _DAY = 86_400.0
 
 def interval_text(years: float | None) -> str:
     """Return an interval as a text in days; empty if there is no interval."""
-    return "" if years is None else f"{years * YEAR / _DAY:.0f}"
+    return "" if years is None else f"{floor(years * YEAR / _DAY)}"
 
 
 def limit_text(found: Recalibration, one: CoefficientInterval) -> str:
@@ -348,9 +348,14 @@ def recalibration_lines(found: Recalibration) -> list[str]:
     text = f"next calibration by {found.date}, after {interval_text(found.years)} days: {reason}"
     if found.years == 0:
         text = _exceedance_text(found)
-    lines = [text, *_pool_lines(found)]
-    if (reading := found.operating_hours) is not None:
-        lines.append(f"or at {reading:.0f} operating hours, if that comes first")
-    if (hours := found.hours_in_use) is not None:
-        lines.append(f"that is {hours:.0f} hours of use")
-    return lines
+    lines, hours = [text], found.hours_in_use
+    if hours is not None:
+        lines.append(f"the date is {hours:.0f} hours of use after the newest calibration")
+    if (reading := found.operating_hours) is not None and found.years > 0:
+        left = reading - (found.history.operating_hours[-1] or 0.0)
+        at = f"at {reading:.0f} operating hours, {left:.0f} hours after the newest calibration"
+        if hours is not None and left < hours:
+            lines = [f"next calibration {at}, which comes before the date:", *lines]
+        else:
+            lines.append(f"or {at}, if that comes first")
+    return [*lines, *_pool_lines(found)]

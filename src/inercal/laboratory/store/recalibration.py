@@ -34,7 +34,7 @@ come from the sensors of its type (`type_pool`), unless its own calibrations sca
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isfinite
+from math import floor, inf, isfinite
 from typing import cast
 
 import numpy as np
@@ -57,7 +57,7 @@ LONGER, SHORTER = 1.1, 0.45
 _LONGEST_RATIO = 2.0
 _HORIZON = 100.0  # years
 _LEAST = 3  # least number of calibrations for a prediction without others
-_HOUR = 3600.0
+_HOUR, _DAY = 3600.0, 86_400.0
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,8 @@ class Recalibration:
         """The date of the next calibration, ISO 8601."""
         if self.years is None:
             return None
-        return self.history.date(self._newest + self.years).partition("T")[0]
+        whole = floor(self.years * YEAR / _DAY) * _DAY / YEAR
+        return self.history.date(self._newest + whole).partition("T")[0]
 
     @property
     def hours_in_use(self) -> float | None:

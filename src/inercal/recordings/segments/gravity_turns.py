@@ -31,7 +31,7 @@ _FEWEST_DIFFERENT = 2
 _OPPOSITE = np.deg2rad(120)  # misfit of a turn in the opposite direction
 _MOST_TURNS = 40
 _MOST_SECONDS = 60.0  # between two rests; over a longer time a bias may change
-_TURN_SAMPLES = 1024  # a power of two
+_TURN_SAMPLES = 1024  # a power of two; the largest number of rotations in a turn
 _FEWEST_TURNS = 3
 _OUTLIERS = 20  # one in this many turns may disagree, for example after a bump or a lost sample
 _SPHERE_RESTS = 9  # fewest rests for which the centre of a fitted sphere is reliable
@@ -112,12 +112,14 @@ def read_gravity_turns(
     means = sensor.to_si(means)
     unit = _directions(means[:, kinds["f"]])
     rate, angles = means[:, kinds["w"]], list[Array]()
+    longest = int((ways.reached - ways.left)[chosen].max())
+    count = min(1 << longest.bit_length(), _TURN_SAMPLES)
     for k in chosen.tolist():
         first, last = int(ways.left[k]), int(ways.reached[k])
         rest = int(ways.rest[k])
         read = sensor.to_si(ways.output[first : last + 1])[:, kinds["w"]]
         steps = np.gradient(ways.time[first : last + 1])[:, None]
-        angles.append(sum_rates((read - 0.5 * (rate[rest] + rate[rest + 1])) * steps))
+        angles.append(sum_rates((read - 0.5 * (rate[rest] + rate[rest + 1])) * steps, count))
     starts = ways.rest[chosen]
     return GravityTurns(unit[starts], unit[starts + 1], np.stack(angles))
 
@@ -238,11 +240,17 @@ class TurnVerdict(NamedTuple):
     clear: bool = False
 
 
-def judge_turns(turns: GravityTurns | None) -> TurnVerdict:
-    """Decide whether the turns agree as recorded, or which changes would make them agree."""
+def judge_turns(turns: GravityTurns | None, *, others: bool = True) -> TurnVerdict:
+    """Decide whether the turns agree as recorded, or which changes would make them agree.
+
+    Without `others`, no other axes are tried if the turns agree as recorded, which takes less time.
+    """
     nothing = TurnVerdict(0 if turns is None else len(turns.before), None, False, 0.0)
     if turns is None or len(turns.before) < _FEWEST_TURNS:
         return nothing
+    read = turn_differences(turns.before, turns.after, rotations(turns.angles))
+    if not others and (read > DIFFERENT).sum() <= len(read) // _OUTLIERS:
+        return TurnVerdict(len(read), True, False, float(np.median(read)))
     found = find_matching_axes(turns)
     plain = next((one for one in found if one.as_recorded), None)
     if plain is not None:
@@ -254,7 +262,6 @@ def judge_turns(turns: GravityTurns | None) -> TurnVerdict:
     if not found:
         return nothing
     texts = tuple(dict.fromkeys(text for one in found for text in describe_changes(one)))
-    read = turn_differences(turns.before, turns.after, rotations(turns.angles))
     clear = int((read > DIFFERENT).sum()) >= _FEWEST_DIFFERENT or float(read.max()) > _OPPOSITE
     return TurnVerdict(len(read), False, len(found) == 1, found[0].misfit, texts, clear)
 
