@@ -20,7 +20,8 @@ from inercal.physics.plan import Hold
 from inercal.physics.sensors import Sensor, imu
 from inercal.pipeline.temperature_orders import choose_orders
 from inercal.recordings import Observations
-from inercal.recordings.environment import Environment, with_soak_errors
+from inercal.recordings.environment import Environment
+from inercal.recordings.soaks import with_soak_errors
 from inercal.runfile.environment_section import order_terms
 
 Array = NDArray[np.float64]

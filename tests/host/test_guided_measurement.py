@@ -314,7 +314,12 @@ HEAD = Path(__file__).parents[2] / "examples" / "turntable" / "mimu.toml"
 @pytest.mark.parametrize(
     ("changes", "options", "where"),
     [
-        ([(HAND, 'kind = "recording"')], (), "[data] kind"),
+        ([(HAND, 'kind = "recording"')], (), "[data] sd"),
+        (
+            [(HAND, 'kind = "recording"'), ('[data.sd]\naccelerometer = "20 µg"', "")],
+            (),
+            "[data] kind",
+        ),
         ([('[data.sd]\naccelerometer = "20 µg"', "")], (), "[data.sd] accelerometer"),
         ([('label = "position"\n', "")], (), "[data] label"),
         ([('file = "sheet.csv"', 'file = "sheet.xlsx"')], (), "[data] file"),

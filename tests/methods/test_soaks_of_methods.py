@@ -22,7 +22,8 @@ from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.methods import METHODS
 from inercal.physics.sensors import imu
 from inercal.recordings import Observations
-from inercal.recordings.environment import Environment, changed_by_soak_errors, with_soak_errors
+from inercal.recordings.environment import Environment
+from inercal.recordings.soaks import changed_by_soak_errors, with_soak_errors
 
 KELVIN = (263.15, 293.15, 333.15)
 TRIALS = 8  # of each seed

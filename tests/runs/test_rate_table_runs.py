@@ -124,7 +124,7 @@ def run_refused(path: Path, kind: type[InercalError] = InputError, **data: Any) 
         ('"250 mm ± 0.3 mm"', '"25 mm"', None, ["ZY135 at 86 rpm"]),
         ('mounting = "mounting"\n', "", "[data] mounting", []),
         ('arm_rate = "rpm"\n', "", "[data] arm_rate", []),
-        ('kind = "means"\n', "", "[data] rate", []),
+        ('kind = "means"\n', "", "[data] sd", []),
         ("mounting = \"mounting\"", 'mounting = "mounting"\nangle = "a"', "[data] angle", []),
         ('pose = "0.2 °"', 'pose = "-0.2 °"', "[bench] pose", []),
         ('scale = "16384 LSB/g"', 'scale = "1000 LSB/g"', None, ["YX30 at 46 rpm"]),

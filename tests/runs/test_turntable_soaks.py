@@ -10,7 +10,8 @@ from tests.refusals import refused
 
 from inercal.benches.turntable.reading.readback_angles import RecordingWithAngles, without_waits
 from inercal.recordings import AngleQuality, Observations, Recording, Track
-from inercal.recordings.environment import Environment, changed_by_soak_errors
+from inercal.recordings.environment import Environment
+from inercal.recordings.soaks import changed_by_soak_errors
 
 SOAKS = Environment("soaks", temperature_sd=0.5, force_repeatability=1e-3)
 # Two soaks with two sections each, and a wait between them; in the second soak, the run was

@@ -142,7 +142,7 @@ class RunRecorder(Closeable):
     @property
     def logged_steps(self) -> int:
         """How many steps are complete in the log; the journal knows more if its end was lost."""
-        done = (one.number + 1 for one in self.assembly.sections if one.state == "done")
+        done = (one.number + 1 for one in self.assembly.sections.spans if one.state == "done")
         return max(done, default=0)
 
     @property

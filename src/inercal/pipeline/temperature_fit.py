@@ -1,7 +1,7 @@
 """Fit a run over several temperatures: include the errors of each soak, and choose the orders.
 
 1. A first fit with the highest orders gives the slopes ∂y/∂T, which convert an error of a soak's
-   temperature into an error of the readings (`inercal.recordings.environment`).
+   temperature into an error of the readings (`inercal.recordings.soaks`).
 2. The orders of bias, scale factor and misalignment with the smallest AIC are chosen
    (`inercal.pipeline.temperature_orders`).
 3. Each soak is omitted once. The rows of a soak increase χ² by χ²(all) − χ²(without this soak).
@@ -38,10 +38,10 @@ from inercal.pipeline.temperature_orders import (
     used_orders,
     with_orders,
 )
-from inercal.recordings import Finding, Observations
-from inercal.recordings import environment as soaks
+from inercal.recordings import Finding, Observations, soaks
 from inercal.recordings.data import EstimatorInput
-from inercal.recordings.environment import Environment, SoakLoop
+from inercal.recordings.environment import Environment
+from inercal.recordings.soaks import SoakLoop
 from inercal.runfile import Run
 from inercal.runfile.environment_section import MAX_ORDERS, ORDERED
 

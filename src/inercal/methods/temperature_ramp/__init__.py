@@ -45,7 +45,8 @@ from inercal.physics.plan import Hold
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.recordings import Finding, Observations
-from inercal.recordings.environment import Environment, with_temperature_shift
+from inercal.recordings.environment import Environment
+from inercal.recordings.soaks import with_temperature_shift
 from inercal.recordings.temperature import FOUND_LAG
 
 _SURE = 4.0  # standard deviations of a loop that is reported

@@ -166,7 +166,8 @@ class DataSection(Section):
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
         """Return the keys that have no effect on the result in this use, each with the reason."""
-        return {} if use.means else {"sd": "the noise of a recording is estimated from its samples"}
+        reason = 'for kind = "means"; the noise of a recording is estimated from its samples'
+        return {} if use.means else {"sd": reason}
 
     def further_files(self) -> dict[str, str]:
         """Return the additional files, each with its content, such as "readback"."""

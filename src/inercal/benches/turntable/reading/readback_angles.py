@@ -32,9 +32,10 @@ from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
 from inercal.physics.section_settings import si_value
 from inercal.recordings import AngleQuality, Finding, Recording
 from inercal.recordings.data import RunBase, recording_loader
-from inercal.recordings.environment import SOAK_SPREAD, Environment
+from inercal.recordings.environment import Environment
 from inercal.recordings.io.audit import gap_findings
 from inercal.recordings.io.read import Columns, read_readback
+from inercal.recordings.soaks import SOAK_SPREAD
 
 # The clocks are compared using the same turns that the filter uses. The filter therefore gets
 # larger standard deviations than were found, so that these turns do not count twice.
