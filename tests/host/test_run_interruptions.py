@@ -126,7 +126,7 @@ def test_steps_that_the_log_has_lost_are_repeated(tmp_path: Path, bench: InProce
     assert driven.done, driven.trouble
     assert sum(event.level == "warning" and "step 2" in event.words for event in driven.events) == 1
     with Journal(folder.journal) as journal, RunRecorder(folder, journal, LAYOUT) as recorder:
-        done = [one.label for one in recorder.assembly.sections if one.state == "done"]
+        done = [one.label for one in recorder.assembly.sections.spans if one.state == "done"]
     assert done == ["warm-up", "y up", "z+", "rest"]
 
 

@@ -34,6 +34,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock, Thread
 from time import monotonic, sleep
+from typing import Protocol
 
 import numpy as np
 
@@ -53,6 +54,20 @@ from inercal.runfile import Run, read
 COMPILING = "compiling"  # printed before the address if kernels are compiled and not loaded
 _WRITE_TIMEOUT = 0.5  # s of wall time to wait for a busy reader
 _RETRY_INTERVAL = 0.001  # s
+
+
+class SimulatorPort(Protocol):
+    """A port to which bytes can be written."""
+
+    address: str
+
+    def write(self, data: bytes) -> int:
+        """Send as many bytes as possible, and return their number."""
+        ...
+
+    def close(self) -> None:
+        """Unplug the port."""
+        ...
 
 
 class TerminalPort:
@@ -130,7 +145,6 @@ class TcpPort:
             self._host = None
 
 
-SimulatorPort = TerminalPort | TcpPort
 FAULT_SYNTAX = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
 _SPARE_NOISE = 300.0  # s of noise in addition to one and a half times the plan
 _SOAK_NOISE = 4000.0  # s of noise for the wait before each soak
