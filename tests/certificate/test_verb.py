@@ -26,8 +26,17 @@ from inercal.laboratory.store.certificates import number_text, require_series
 from inercal.runfile.job import read_laboratory
 
 
+class NextYear(date):
+    @classmethod
+    def today(cls) -> "NextYear":
+        return cls(2027, 1, 2)
+
+
 @pytest.mark.slow
-def test_numbers_follow_one_another_and_begin_anew_each_year(laboratory: Laboratory):
+def test_numbers_follow_one_another_and_begin_anew_each_year(
+    laboratory: Laboratory, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("inercal.cli.certificate_commands.date", NextYear)
     assert laboratory.issue().name == "IL-2026-0001.pdf"
     assert laboratory.issue().name == "IL-2026-0002.pdf"
     assert laboratory.run(date="2027-01-02").status == 0

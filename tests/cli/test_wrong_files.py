@@ -8,7 +8,7 @@ from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 from inercal.basics.errors import InercalError, InputError
 from inercal.calibration.files import load
-from inercal.cli import apply_command, init_command
+from inercal.cli import apply_command, log_drafts
 from inercal.recordings.io.read import read_table
 from inercal.runfile import read
 
@@ -59,7 +59,7 @@ def test_in_a_terminal_init_asks_for_the_accelerometers(
     answers = iter(["AX1,AX2", "AX1,AX2,AX4", "AX1,AX2,AX3"])
     monkeypatch.setattr("builtins.input", lambda _: next(answers))
     known: dict[str, str] = {}
-    draft = init_command._draft([log], tmp_path / "run.toml", known, asks=True, yes=False)
+    draft = log_drafts._draft([log], tmp_path / "run.toml", known, asks=True, yes=False)
     assert known == {"data.accelerometer": "AX1,AX2,AX3"}
     assert draft.roles.triads["accelerometer"] == ("AX1", "AX2", "AX3")
     printed = capsys.readouterr()

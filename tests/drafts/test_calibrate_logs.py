@@ -87,7 +87,7 @@ def test_an_assumed_unit_is_told_and_gives_reservations(tmp_path: Path):
 
 @pytest.mark.slow
 def test_answers_in_a_terminal_are_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from inercal.cli import init_command
+    from inercal.cli import log_drafts
 
     class Terminal:
         def isatty(self) -> bool:
@@ -99,15 +99,15 @@ def test_answers_in_a_terminal_are_used(tmp_path: Path, monkeypatch: pytest.Monk
         asked.append(prompt)
         return "rad/s"
 
-    monkeypatch.setattr(init_command.sys, "stdin", Terminal())
-    monkeypatch.setattr(init_command.sys, "stdout", Terminal())
+    monkeypatch.setattr(log_drafts.sys, "stdin", Terminal())
+    monkeypatch.setattr(log_drafts.sys, "stdout", Terminal())
     monkeypatch.setattr("builtins.input", answer)
-    draft = init_command.draft_logs([six_rests(tmp_path)], tmp_path / "six.toml", (), yes=False)
+    draft = log_drafts.draft_logs([six_rests(tmp_path)], tmp_path / "six.toml", (), yes=False)
     assert len(asked) == 1
     assert {one.dotted: one.value for one in draft.entries}["sensor.gyro.unit"] == "rad/s"
     assert "sensor.gyro.unit_assumed" not in {one.dotted for one in draft.entries}
     monkeypatch.setattr("builtins.input", lambda _: "")
-    draft = init_command.draft_logs([tmp_path / "six.csv"], tmp_path / "six.toml", (), yes=False)
+    draft = log_drafts.draft_logs([tmp_path / "six.csv"], tmp_path / "six.toml", (), yes=False)
     assert {one.dotted: one.value for one in draft.entries}["sensor.gyro.unit_assumed"] is True
 
 

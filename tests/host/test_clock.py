@@ -88,7 +88,7 @@ def test_of_the_host_only_what_is_stored_named_or_shown_reads_the_date():
             module = node.module if isinstance(node, ast.ImportFrom) else "time"
             if (module == "time" and "time" in names) or names & {"datetime", "date"}:
                 readers.add(path.name)
-    assert readers == {"journal.py", "runs.py", "message_history.py"}
+    assert readers == {"journal.py", "folders.py"}
 
 
 def test_the_uptime_of_the_host_goes_on_and_names_its_boot():

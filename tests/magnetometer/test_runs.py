@@ -92,7 +92,7 @@ def test_the_field_points_down_in_the_north_only(
     path = table(tmp_path, data, attitude, rng, field=FIELD, hemisphere=other)
     with pytest.raises(InputError) as refused:
         calibrate(path)
-    assert refused.value.key == "axis"
+    assert refused.value.key == "[bench] latitude"
     assert 'axis = ["-x", "-y", "-z"]' in refusal(path)
 
 

@@ -11,7 +11,7 @@ import typer
 from inercal.basics.atomic_files import atomic_write_all, keep_previous, write_text
 from inercal.basics.errors import InputError, MissingExtra
 from inercal.cli import console, outputs
-from inercal.cli.init_command import SET, draft_logs
+from inercal.cli.log_drafts import SET, draft_logs
 from inercal.cli.options import Explain, Json, Strict, flag, optional
 
 if TYPE_CHECKING:

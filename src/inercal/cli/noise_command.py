@@ -10,7 +10,7 @@ import typer
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
 from inercal.cli import console
-from inercal.cli.init_command import stated_keys
+from inercal.cli.log_drafts import stated_keys
 from inercal.cli.noise_outputs import NoiseFiles
 from inercal.cli.options import Force, Json, flag, optional, repeated
 from inercal.cli.outputs import PAGE, check_outputs

@@ -242,7 +242,8 @@ def _much_smaller_gyro(rests: Rests) -> str:
     """Describe an axis whose rates during the turns are far below those of the others, if any."""
     if rests.transitions is None or len(rests.sensor.axes) - rests.m < 2:
         return ""
-    moving = rests.transitions.output[:, rests.m :]
+    if not len(moving := rests.transitions.output[:, rests.m :]):
+        return ""
     size = (moving - np.median(moving, axis=0)).std(axis=0)
     size /= [axis.readout.scale for axis in rests.sensor.axes[rests.m :]]
     least = int(size.argmin())
