@@ -36,7 +36,20 @@ _Steps = Sequence[Spin | Index]
 def require_possible_rows(
     path: Path, observations: Observations, sensor: Sensor, bench: object, steps: Sequence[object]
 ) -> None:
-    """Raise an `InputError` if rows contradict the bench; see `contradicting_rows`."""
+    """Refuse rows that contradict the bench, after a fit has failed.
+
+    Parameters
+    ----------
+    path : path
+        The run file, for the message.
+    observations, sensor, bench, steps
+        See `contradicting_rows`.
+
+    Raises
+    ------
+    InputError
+        Some rows contradict the bench; the message names them and, if one is found, the correction.
+    """
     text, labels = contradicting_rows(observations, sensor, bench, steps)
     if text:
         raise InputError(f"{path}: {text}", file=path, names=labels) from None
@@ -48,6 +61,16 @@ def contradicting_rows(
     """Return what is wrong, and the labels of the wrong rows; both are empty if nothing is found.
 
     A mistake in a whole column of angles is named if its correction makes the rows agree.
+
+    Parameters
+    ----------
+    observations : Observations
+        Means of r rows, without a trial axis; the accelerometers come first.
+    sensor : Sensor
+    bench : object
+        The bench; only a bench with nominal specific forces (`MeanBench`) is checked.
+    steps : sequence of r object
+        The steps of the rows; only tables of `Spin` and `Index` are checked.
     """
     triad, moves = sensor.select_axes("f"), [s for s in steps if isinstance(s, Spin | Index)]
     read, axes = observations.mean[..., : len(triad.axes)], triad.input_axes("f")
@@ -85,16 +108,11 @@ def contradicting_rows(
         return f"{text} {peaks.pop()}, where the output is clipped; remove these rows", labels
     lines: list[str] = []
     for k, label in zip(wild[:_MOST_LISTED], labels, strict=False):
-        repairs = next(
-            filter(
-                None,
-                (
-                    [text for text, y, step in some if _off(*compared(y, [step]), fit) < limit]
-                    for some in _changes(read[[k]], triad, moves, moves[k])
-                ),
-            ),
-            list[str](),
-        )
+        repairs: list[str] = []
+        for some in _changes(read[[k]], triad, moves, moves[k]):
+            repairs = [text for text, y, step in some if _off(*compared(y, [step]), fit) < limit]
+            if repairs:
+                break
         fix = f", which {' or '.join(repairs)} would correct" if repairs else ""
         fix *= len(repairs) <= _MOST_REPAIRS
         lines.append(f"{label} is off by {100 * off[k]:.0f} % of the force{fix}")
@@ -104,7 +122,14 @@ def contradicting_rows(
 
 
 def least_absolute_fit(columns: Array, read: Array) -> Array:
-    """Return the coefficients with the least sum of |residual|, which few wrong rows affect."""
+    """Return the coefficients (p, m) with the least sum of |residual|, which few wrong rows affect.
+
+    Parameters
+    ----------
+    columns : (r, p) array
+    read : (r, m) array
+        The readings; the residual of a row is the norm over its m channels.
+    """
     solved = np.zeros((columns.shape[1], read.shape[1]))
     weight = np.ones((len(read), 1))
     for _ in range(_REWEIGHTED):
@@ -115,6 +140,7 @@ def least_absolute_fit(columns: Array, read: Array) -> Array:
 
 
 def _off(columns: Array, read: Array, fit: Array) -> Array:
+    """Return the norm of each row's residual, (r,)."""
     return np.linalg.norm(read - columns @ fit, axis=-1)
 
 

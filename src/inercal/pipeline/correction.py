@@ -72,7 +72,7 @@ def sensor_findings(calibration: Calibration, run: Run) -> tuple[Finding, ...]:
     if serials:
         text = f"the calibration is of another sensor ({serials}); correct or remove the key"
         raise key_error("[job] serial_number", text, run.path)
-    text = f"the calibration and the run file are of sensors with different names, {names}"
+    text = f"the calibration and the run file name different sensors: {names}"
     return (Finding("warning", "sensor", text),) * bool(names) + _crossed_columns(calibration, run)
 
 
