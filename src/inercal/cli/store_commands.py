@@ -124,17 +124,19 @@ def history(
     from inercal.laboratory.store.recalibration import coefficient_limits, needs_pool, recalibration
     from inercal.laboratory.store.type_pool import type_pool
 
+    content: dict[str, Any] = {}
     with open_register(register, create=False) as opened:
         if out is not None:
             check_outputs({out: PAGE}, opened.files)
         entry, noise = opened.sensor(sensor), opened.noise_history(sensor)
         if noise and not entry.calibrations and not coefficients:
-            content = {"sensor": store_view.entry_object(entry)}
             if out is not None:
                 from inercal.report import noise_history_page
 
                 write_text(out, noise_history_page(entry, noise))
-            if not json:
+            if json:
+                content = {"sensor": store_view.entry_object(entry)}
+            else:
                 print(f"{entry.name}: no calibration yet")
         else:
             found = opened.history(sensor)
@@ -146,13 +148,14 @@ def history(
                 pool = type_pool(opened, found, like or (), coefficient_limits(chosen, limits))
             share = None if in_use is None else in_use / 100
             next_one = recalibration(chosen, limits, share, pool)
-            content = store_view.history_object(chosen)
-            content |= {"next_calibration": store_view.recalibration_object(next_one)}
             if out is not None:
                 from inercal.report import write_history
 
                 write_history(chosen, out, next_one, noise)
-            if not json:
+            if json:
+                content = store_view.history_object(chosen)
+                content |= {"next_calibration": store_view.recalibration_object(next_one)}
+            else:
                 store_view.print_history(chosen, detailed=bool(coefficients))
                 store_view.print_recalibration(next_one)
     if json:

@@ -170,6 +170,8 @@ def _date_lines(history: SensorHistory) -> list[str]:
     made = [f"#{one.id}" for one in history.entries if one.measured_from == "created"]
     if len(history.entries) < 2 or not made:
         return []
+    if len(made) > 6:
+        made[3:] = [f"and {len(made) - 3} others"]
     return [
         f"{', '.join(made)}: the date is that of the calibration file, so every drift is "
         "uncertain; state when it was measured with inercal store import FILE --measured DATE"
