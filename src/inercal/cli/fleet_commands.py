@@ -167,15 +167,15 @@ def report(
     from inercal.fleet.population import read_population
     from inercal.fleet.statistics import fleet_statistics
 
-    path = line / _REPORT if page is None and not json else page
+    path, read = line / _REPORT if page is None and not json else page, read_line(line)
     if path is not None:
         from inercal.report import require_report_packages
 
         require_report_packages()
-        check_outputs({path: PAGE}, read_line(line).input_files, force=force or None)
+        check_outputs({path: PAGE}, read.input_files, force=force or None)
     with progress_status(f"comparing the sensors of {line}"):
         folder = line / results.FOLDER if out is None else out
-        found = fleet_statistics(read_population(read_line(line), folder))
+        found = fleet_statistics(read_population(read, folder))
         if path is not None:
             from inercal.fleet.report_page import fleet_page
 

@@ -11,6 +11,7 @@ this key for each sensor.
 """
 
 import json
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -18,7 +19,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from difflib import get_close_matches
 from functools import cached_property
-from glob import glob
+from glob import glob, has_magic
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
@@ -175,8 +176,10 @@ class Line:
         texts = {TEMPLATE, *TABLES, *texts_of(self.template)}
         for row in self.rows:
             texts |= {row.recording, *row.columns.values(), *self._filled(row)}
-        names = {one for text in texts for one in (text, *glob(text, root_dir=self.folder))}
-        return {(self.folder / name).resolve() for name in names if is_file(self.folder / name)}
+        for text in filter(has_magic, tuple(texts)):
+            texts.update(glob(text, root_dir=self.folder))
+        paths = (os.path.join(self.folder, text) for text in texts)
+        return {Path(path).resolve() for path in paths if os.path.isfile(path)}
 
     def _filled(self, row: SensorRow) -> list[str]:
         """Return the texts in the template that differ from sensor to sensor, for one of them."""

@@ -220,11 +220,15 @@ def gyro_delay(
     warmth = temperature.row_offsets(observations, sensor)
     up = norm_residuals(force, observations.mean[:, :m], c[:p], np.array([gravity]), dT=warmth).up
     model = inverse_model(sensor, c, float(np.mean(warmth)))
-    ends = way.start, way.left, way.reached, way.stop
-    value, output, n = 0.0, way.output, len(way.rest)
+    # Only the samples of the turns, because a copy of a long recording may not fit in memory.
+    last = np.cumsum(way.reached - way.left + 1) - 1
+    first = last - (way.reached - way.left)
+    during = np.arange(last[-1] + 1) + np.repeat(way.left - first, last - first + 1)
+    time, output = way.time[during], way.output.take(during, axis=0)
+    value, ends, n = 0.0, (first, first, last, last), len(way.rest)
     for _ in range(_DELAY_ROUNDS):
         along, square = delay_sums(
-            way.time, output, ends, model.matrix, model.offset, up[way.rest], gravity
+            time, output, ends, model.matrix, model.offset, up[way.rest], gravity
         )
         if not square.sum() > 0:
             raise NotObserved(
@@ -238,9 +242,8 @@ def gyro_delay(
         value += change
         if abs(change) <= _DELAY_TOLERANCE * sd:
             return Measured(float(value), float(sd))
-        output = way.output.copy()
         for k in range(m, output.shape[1]):
-            output[:, k] = np.interp(way.time + value, way.time, way.output[:, k])
+            output[:, k] = np.interp(time + value, way.time, way.output[:, k])
     raise NotObserved(
         "[method] time_offset: no delay of the gyros makes them agree with gravity during the "
         "turns; check the two clocks, or remove time_offset",

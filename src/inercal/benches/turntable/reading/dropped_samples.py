@@ -32,6 +32,7 @@ from inercal.benches.turntable.reading.implied_rates import (
 )
 from inercal.physics.sensors import Sensor
 from inercal.recordings import GAP_FACTOR, Finding, Track
+from inercal.recordings.io.column_table import row_blocks
 
 _PIECE = 1 << 19  # samples
 _MARGIN = 60.0  # s on each side of a piece; every change of rate is shorter
@@ -99,9 +100,7 @@ def find_dropped_samples(
     n = track.time.size
     if sensor.rank("w") < len("xyz") or n < _FEWEST_SAMPLES:
         return ()
-    if known is None:
-        rates = rate_vectors(sensor, track.reading)
-        known = fit_track_rates(bench, track.time, track.angles, rates)
+    known = known or fit_track_rates(bench, track, sensor)
     margin = round(_MARGIN / float(np.median(np.diff(track.time[:_PIECE]))))
     rows: list[SampleDrop] = []
     offsets: list[LocalOffsets] = []
@@ -141,17 +140,18 @@ def _search_piece(
     piece: Track, reading: Array, bench: Turntable, known: RateRegression
 ) -> tuple[list[SampleDrop], LocalOffsets]:
     """Return the lost rows and local offsets in a piece; sample numbers start at its beginning."""
-    table, read = table_rates(bench, piece.time, piece.angles), gyro_rates(piece.time, reading)
+    table = table_rates(bench, piece.time, piece.angles)
     fastest = float(np.percentile(np.linalg.norm(table.change, axis=-1), 99.9))
     rows = _dropped_rows(piece.time, reading, piece.angles, bench, known, fastest)
-    local = local_offsets(table, read, known)
+    residual = known.residual_rates(gyro_rates(piece.time, reading).rate, table.rate)
+    local = local_offsets(table, residual, known)
     h = half_window(piece.time)
     spans = local.spans + h
     turning = np.linalg.norm(table.rate, axis=-1) > _MOVING
-    residual = np.linalg.norm(known.residual_rates(read.rate, table.rate)[turning], axis=-1)
     speed = np.linalg.norm(table.rate[turning], axis=-1)
     # If the two motions differ, their time offsets have no meaning.
-    alike = not turning.any() or float(np.median(residual / speed)) <= _SHAPED
+    difference = np.linalg.norm(residual[turning], axis=-1)
+    alike = not turning.any() or float(np.median(difference / speed)) <= _SHAPED
     # A row lost during a change of rate disturbs only the offset at this change.
     usable = np.array(
         [
@@ -176,12 +176,17 @@ def _dropped_rows(
     """Return the steps in which the readback, but not the gyros, skips or repeats time steps."""
     dt = np.diff(time)
     usual = float(np.median(dt))
-    turned = np.diff(angles, axis=0) / dt[:, None]
-    middle = (angles[1:] + angles[:-1]) / 2
-    v = body_rates(bench, middle, turned) @ known.matrix.T
-    w = (reading[1:] + reading[:-1]) / 2 - known.bias
-    size = np.linalg.norm(w, axis=-1)
-    more = (np.sum(v * w, axis=-1) / np.maximum(size, 1e-12) - size) * dt  # rad
+    more, size, speed = np.empty((3, dt.size))
+    for part in row_blocks(dt.size):
+        next_part = slice(part.start + 1, part.stop + 1)
+        middle = (angles[next_part] + angles[part]) / 2
+        turned = (angles[next_part] - angles[part]) / dt[part, None]
+        v = body_rates(bench, middle, turned) @ known.matrix.T
+        w = (reading[next_part] + reading[part]) / 2 - known.bias
+        size[part] = np.linalg.norm(w, axis=-1)
+        speed[part] = np.linalg.norm(v, axis=-1)
+        more[part] = np.sum(v * w, axis=-1) / np.maximum(size[part], 1e-12) - size[part]
+    more *= dt  # rad
     moving = (size > _TURNING) & (dt < GAP_FACTOR * usual)
     more[~moving] = 0.0
     # Compare with both neighbours, on which latency and bias have the same effect.
@@ -195,7 +200,6 @@ def _dropped_rows(
     resolution = resolution if resolution < _COARSEST else 0.0
     least = np.maximum(_ALONE * noise + fastest * usual**2, size * usual / 2) + resolution
     # At the beginning and end of a turn, a delayed readback looks like lost samples.
-    speed = np.linalg.norm(v, axis=-1)
     steady = np.minimum(np.roll(speed, 2), np.roll(speed, -2)) > size / 2
     steady &= np.maximum(np.roll(speed, 2), np.roll(speed, -2)) < 2 * size
     at = np.flatnonzero((np.abs(alone) > least) & moving & steady)

@@ -100,7 +100,8 @@ def _mean_table_rates(bench: Turntable, time: Array, angles: Array, h: int) -> A
 
 def _mean_gyro_rates(time: Array, reading: Array, h: int) -> Array:
     part = np.diff(time)[:, None] * (reading[1:] + reading[:-1]) / 2
-    whole = np.concatenate([np.zeros((1, reading.shape[-1])), np.cumsum(part, axis=0)])
+    whole = np.zeros(reading.shape)
+    np.cumsum(part, axis=0, out=whole[1:])
     return (whole[2 * h :] - whole[: -2 * h]) / (time[2 * h :] - time[: -2 * h])[:, None]
 
 
@@ -137,21 +138,24 @@ def fit_rates(reading: Array, rate: Array) -> RateRegression:
     return RateRegression(matrix, bias, float(np.std(y - p @ matrix.T)))
 
 
-def fit_track_rates(bench: Turntable, time: Array, angles: Array, reading: Array) -> RateRegression:
+def fit_track_rates(bench: Turntable, track: Track, sensor: Sensor) -> RateRegression:
     """Apply `fit_rates` to the windowed rates of a track, block by block to save memory.
 
     Parameters
     ----------
     bench : Turntable
-    time, angles, reading : (n,), (n, k) and (n, 3) arrays
-        Times, axis angles and gyro readings, in s, rad and rad/s.
+    track : Track
+        Track of one trial, (n, m) readings.
+    sensor : Sensor
+        Sensor whose gyros measure all components.
     """
-    h, n = half_window(time), time.size
+    h, n = half_window(track.time), track.time.size
     total, squares = np.zeros(6), np.zeros((6, 6))
     for start in range(0, n - 2 * h, _BLOCK):
-        part = slice(start, start + _BLOCK + 2 * h)  # its windows continue those of the last part
-        gyros = _mean_gyro_rates(time[part], reading[part], h)
-        table = _mean_table_rates(bench, time[part], angles[part], h)
+        # The windows of a part continue those of the last part.
+        part = track.slice(start, start + _BLOCK + 2 * h)
+        gyros = _mean_gyro_rates(part.time, rate_vectors(sensor, part.reading), h)
+        table = _mean_table_rates(bench, part.time, part.angles, h)
         both = np.concatenate([gyros, table], axis=1)
         total += both.sum(axis=0)
         squares += both.T @ both
@@ -173,26 +177,24 @@ class LocalOffsets(NamedTuple):
     spans: NDArray[np.int64]  # (e, 2) first and last sample of each
 
 
-def local_offsets(
-    table: WindowedRates, gyros: WindowedRates, known: RateRegression
-) -> LocalOffsets:
+def local_offsets(table: WindowedRates, residual: Array, known: RateRegression) -> LocalOffsets:
     """Return the local offsets with their standard deviations.
 
     Parameters
     ----------
-    table, gyros : WindowedRates
-        Rates from the readback and from the gyros at the same times.
+    table : WindowedRates
+        Rates from the readback.
+    residual : (n, 3) array
+        Residuals of the gyros' rates at the same times, rad/s (`RateRegression.residual_rates`).
     known : RateRegression
     """
     spans = _changing_stretches(table)
     h = half_window(table.time)
-    residual = known.residual_rates(gyros.rate, table.rate)
-    slope = table.change @ known.matrix.T
     # Because windows overlap, this many neighbouring residuals count as one independent residual.
     overlap, least = 2.0 * h + 1, float(np.median(np.abs(residual))) ** 2
     value, sd = np.zeros(len(spans)), np.zeros(len(spans))
     for k, (first, last) in enumerate(spans):
-        a, r = slope[first : last + 1], residual[first : last + 1]
+        a, r = table.change[first : last + 1] @ known.matrix.T, residual[first : last + 1]
         weight = np.sum(a**2)
         value[k] = np.sum(a * r) / weight
         noise = float(np.sum((r - value[k] * a) ** 2)) / r.size
@@ -295,14 +297,12 @@ def _measured_earth_rate(
     track: Track, sensor: Sensor, bench: Turntable, known: RateRegression
 ) -> tuple[Array, Array] | None:
     """Return the earth's rate in the level frame and its covariance, or None if not observable."""
-    reading = rate_vectors(sensor, track.reading)
-    held = track.hold >= 0
-    count = np.bincount(track.hold[held])
+    number = track.hold + 1  # 0 while the table moves
+    count = np.bincount(number)[1:]
     if count.size < _AXES or not count.all():
         return None
-    mean = np.stack(
-        [np.bincount(track.hold[held], axis) / count for axis in reading[held].T], axis=-1
-    )
+    sums = [np.bincount(number, column)[1:] for column in track.reading.T]
+    mean = rate_vectors(sensor, np.stack(sums, axis=-1) / count[:, None])
     middles = [int(np.median(np.flatnonzero(track.hold == k))) for k in range(count.size)]
     back = np.swapaxes(reference_attitude(bench, track.angles[middles]), -1, -2)
     if np.abs(known.matrix - np.eye(_AXES)).max() < _NEAR_UNIT:

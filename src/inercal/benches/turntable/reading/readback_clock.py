@@ -215,7 +215,8 @@ def _local_offsets(
     if np.count_nonzero(here.is_complete) < _FEWEST:
         raise InputError(few)
     known = implied.fit_rates(gyros.rate[here.is_complete], here.rate[here.is_complete])
-    found = implied.local_offsets(here, gyros, known)
+    residual = known.residual_rates(gyros.rate, here.rate)
+    found = implied.local_offsets(here, residual, known)
     if len(found.time) < 2:
         raise InputError(few)
     time = (found.time - late[1]) / (1 + late[0])  # from the table's clock to the IMU's

@@ -25,7 +25,6 @@ from inercal.benches.turntable.reading.implied_rates import (
     RateRegression,
     check_earth_rate,
     fit_track_rates,
-    rate_vectors,
 )
 from inercal.benches.turntable.reading.readback_angles import (
     RecordingWithAngles,
@@ -202,8 +201,7 @@ def _check_track(
     findings = check_track(where, track, run.sensor, bench, columns, interruptions)
     known: RateRegression | None = None
     if run.sensor.rank("w") == len("xyz"):
-        rates = rate_vectors(run.sensor, track.reading)
-        known = fit_track_rates(bench, track.time, track.angles, rates)
+        known = fit_track_rates(bench, track, run.sensor)
     findings += check_earth_rate(where, track, run.sensor, bench, known)
     if (repeated := sample_checks.repeated_readback_finding(track)) is not None:
         return (*findings, repeated)
