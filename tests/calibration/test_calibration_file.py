@@ -16,7 +16,14 @@ import pytest
 from tests.refusals import refused
 
 from inercal.calibration import Calibration, SharedError, Validity
-from inercal.calibration.files import canonical_text, load, parse, save
+from inercal.calibration.files import (
+    calibration_object,
+    calibration_text,
+    canonical_text,
+    load,
+    parse,
+    save,
+)
 from inercal.physics.frames import exp_so3
 from inercal.physics.sensors import G0, Readout, imu
 
@@ -237,6 +244,12 @@ def test_a_canonical_text_is_proven_as_any_other(saved: Path, change: Callable[[
     else:
         with refused(key="sha256"):
             parse(change(text), "canonical")
+
+
+@pytest.mark.parametrize("without", [{}, {"shared": None, "validity": None}])
+def test_the_text_of_a_calibration_is_the_canonical_text_of_its_object(without: dict[str, Any]):
+    made = replace(calibration(), **without)
+    assert calibration_text(made) == canonical_text(calibration_object(made))
 
 
 @pytest.mark.parametrize("colon", [":", " :", "\n\t:", ' : "a\\":", "method":'])

@@ -34,12 +34,31 @@ from inercal.estimation.uncertainty.conformity import DecisionRule
 from inercal.physics.sensors import SI_UNITS, Axis, Readout, Sensor
 
 SCHEMA = "inercal/calibration/2"
+_HASH = "sha256"  # the key of the content's hash
 _NOT_JSON = "it is not JSON text; give a *.calibration.json file"
 _LARGEST = 16 << 20  # bytes; 24 coefficients need about 20 kilobytes
 
 
 def calibration_object(calibration: Calibration) -> dict[str, Any]:
     """Return the JSON object that the file of a calibration contains."""
+    content = _content(calibration)
+    return content | {_HASH: _hash(content)}
+
+
+def calibration_text(calibration: Calibration) -> str:
+    """Return the canonical text of `calibration_object`, in half the time."""
+    content = _content(calibration)
+    before, after = (
+        {name: content[name] for name in content if (name < _HASH) is first}
+        for first in (True, False)
+    )
+    head, tail = canonical_text(before)[:-1], ("," if after else "") + canonical_text(after)[1:]
+    digest = hashlib.sha256(f"{head}{tail}".encode()).hexdigest()
+    return f'{head},"{_HASH}":"{digest}"{tail}'
+
+
+def _content(calibration: Calibration) -> dict[str, Any]:
+    """Return the content of a calibration's file without its hash."""
     sensor = calibration.sensor
     units = [SI_UNITS[sensor.coefficient(name).unit] for name in sensor.coefficients]
     rows = zip(sensor.coefficients, calibration.values, calibration.std, units, strict=True)
@@ -86,7 +105,7 @@ def calibration_object(calibration: Calibration) -> dict[str, Any]:
         content["bench_estimates"] = record_object(calibration.bench_estimates)
     if calibration.conformity is not None:
         content["conformity"] = conformity_object(calibration.conformity)
-    return content | {"sha256": _hash(content)}
+    return content
 
 
 def canonical_text(content: dict[str, Any]) -> str:

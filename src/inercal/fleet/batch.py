@@ -232,7 +232,7 @@ def _fingerprints(outcome: "Outcome") -> Iterator[str]:
 
 def _columns(outcome: "Outcome") -> tuple[dict[str, Any], str]:
     """Return the columns of a result and the hash of the recording."""
-    from inercal.calibration.files import calibration_object, canonical_text
+    from inercal.calibration.files import calibration_text
 
     calibration, estimate = outcome.calibration, outcome.estimate
     judged = None if outcome.verdict.grade == "unreliable" else calibration.conformity
@@ -249,7 +249,7 @@ def _columns(outcome: "Outcome") -> tuple[dict[str, Any], str]:
         "value": calibration.values.tolist(),
         "std": calibration.std.tolist(),
         "covariance": results.lower_triangle(calibration.covariance),
-        "calibration": canonical_text(calibration_object(calibration)),
+        "calibration": calibration_text(calibration),
         "readings": list(_fingerprints(outcome)),
     }
     return found, calibration.provenance["recording sha256"]

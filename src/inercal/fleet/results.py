@@ -16,8 +16,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from inercal.basics.arrays import Array
 from inercal.basics.atomic_files import atomic_write, make_folder
 from inercal.basics.errors import InputError, require_extra
@@ -71,7 +69,7 @@ def row_key(recording_sha256: str, sections_sha256: str, version: str) -> str:
 
 def lower_triangle(matrix: Array) -> list[float]:
     """Return the lower triangle of a matrix (p, p), row by row."""
-    return matrix[np.tril_indices(len(matrix))].tolist()
+    return [x for k, row in enumerate(matrix.tolist(), 1) for x in row[:k]]
 
 
 def matrix(column: Any, p: int) -> Array:

@@ -11,6 +11,7 @@ ROS ("field.angular_velocity.x"), EuRoC ("w_RS_S_x [rad s^-1]"), Physics Toolbox
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import lru_cache
 from math import isclose
 
 from inercal.basics.errors import InputError
@@ -225,6 +226,7 @@ def _ends_with(stem: str, pattern: re.Pattern[str]) -> bool:
     return any(pattern.fullmatch("_".join(words[k:])) for k in range(len(words)))
 
 
+@lru_cache  # because the sensors of a line have the same columns
 def plain_name(name: str) -> str:
     """Return a name in lower case, with words joined by "_" and without units in brackets."""
     if is_reversed(name):

@@ -157,7 +157,8 @@ def norm_at_rest(sensed: Callable[[slice], Array], recording: Recording) -> floa
     scatter: list[Array] = []
     mean: list[Array] = []
     for rows in row_blocks(n // window * window, -(-BLOCK_ROWS // window) * window):
-        windows = np.linalg.norm(sensed(rows), axis=-1).reshape(-1, window)
+        force = sensed(rows)
+        windows = np.sqrt(np.vecdot(force, force)).reshape(-1, window)  # faster than `norm`
         scatter.append(windows.std(axis=1))
         mean.append(windows.mean(axis=1))
     spread = np.concatenate(scatter)

@@ -173,7 +173,7 @@ def _mean_rate(stamps: Stamps) -> float:
 
 def _epoch_unit(stamps: Stamps) -> str | None:
     finite = stamps[np.isfinite(stamps)]
-    if not finite.size:
+    if not finite.size or finite.max() < _EPOCH["s"][0]:
         return None
     middle = float(np.median(finite, overwrite_input=True))
     return next((unit for unit, (low, high) in _EPOCH.items() if low <= middle <= high), None)

@@ -256,7 +256,8 @@ def section_noise_statistics(
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if not own:
             continue
-        cut = haar_contrasts((section[:, own] for section in sections()), seconds)
+        parts = sections() if len(own) == m else (section[:, own] for section in sections())
+        cut = haar_contrasts(parts, seconds)
         names = [sensor.axes[k].name for k in own]
         noises = [sensor.axes[k].noise for k in own]
         # Slow noise that the sensor's table states is part of the noise; a trend may exceed it.
