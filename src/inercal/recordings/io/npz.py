@@ -1,9 +1,7 @@
 """Read NumPy files: archives of columns or of "data" and "columns", and single arrays."""
 
 import zipfile
-from collections.abc import Iterator, Mapping
-from functools import lru_cache
-from io import BytesIO
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,6 @@ from inercal.recordings.io.isolation import Isolation
 from inercal.recordings.io.readers import Reader
 
 _NPY = b"\x93NUMPY"
-_VERSION_1 = _NPY + b"\x01\x00"
 _LABEL_BYTES = 4 * column_table.LONGEST_LABEL  # of a NumPy text
 
 
@@ -55,42 +52,11 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
     head = column_table.file_head(path, len(_NPY))
     if head == _NPY:
         return _single_array(path, wanted)
-    with zipfile.ZipFile(path) as archive:
-        names, columns, block = _columns(_Members(archive), wanted, path.name)
+    if not head.startswith(b"PK"):
+        zipfile.ZipFile(path).close()  # NumPy would accept other files as arrays
+    with np.load(path, allow_pickle=False) as archive:
+        names, columns, block = _columns(archive, wanted, path.name)
     return Table(names, columns, path.name, column_table.file_sha256(path), block=block)
-
-
-class _Members(Mapping[str, "NDArray[Any] | bytes"]):
-    """The arrays of an archive by name, read at each access; other members as bytes."""
-
-    def __init__(self, archive: zipfile.ZipFile) -> None:
-        self._archive = archive
-        self._files = {name.removesuffix(".npy"): name for name in archive.namelist()}
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._files)
-
-    def __len__(self) -> int:
-        return len(self._files)
-
-    def __getitem__(self, name: str) -> "NDArray[Any] | bytes":
-        content = self._archive.read(self._files[name])
-        if not content.startswith(_NPY):
-            return content
-        if not content.startswith(_VERSION_1):
-            return np.lib.format.read_array(BytesIO(content), allow_pickle=False)
-        start = 10 + int.from_bytes(content[8:10], "little")
-        shape, is_fortran, dtype = _header(content[8:start])
-        if dtype.hasobject:
-            raise ValueError("contains objects")
-        order = "F" if is_fortran else "C"
-        return np.ndarray(shape, dtype, content, start, order=order)
-
-
-@lru_cache  # because parsing takes longer than reading, and many arrays have the same header
-def _header(text: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Return the shape, the order and the type that the header of an array states."""
-    return np.lib.format.read_array_header_1_0(BytesIO(text))
 
 
 def _single_array(path: Path, wanted: ReadRequest) -> Table:
@@ -161,10 +127,10 @@ def _arrays(
 def _array(archive: Any, name: str, source: str) -> NDArray[Any]:
     try:
         array: NDArray[Any] | bytes = archive[name]
-    except (ValueError, TypeError) as error:  # pickled objects, broken headers, missing bytes
+    except ValueError as error:  # NumPy raises it for pickled objects and for broken headers
         text = "is damaged or contains objects; save plain numbers"
         raise column_table.column_error(source, name, text, "array") from error
-    if isinstance(array, bytes):
+    if isinstance(array, bytes):  # NumPy returns members that are not arrays as bytes
         raise InputError(
             f"{source}: {name!r} is not an array; if the file is a workbook, save it as CSV",
             names=(name,),
