@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.run_file_advice import Change
 from inercal.basics.units import Measured, format_value_and_uncertainty
@@ -223,8 +223,8 @@ def gyro_delay(
     # Only the samples of the turns, because a copy of a long recording may not fit in memory.
     last = np.cumsum(way.reached - way.left + 1) - 1
     first = last - (way.reached - way.left)
-    during = np.arange(last[-1] + 1) + np.repeat(way.left - first, last - first + 1)
-    time, output = way.time[during], way.output.take(during, axis=0)
+    during: Indices = np.arange(int(last[-1]) + 1) + np.repeat(way.left - first, last - first + 1)
+    time, output = way.time[during], way.output[during]
     value, ends, n = 0.0, (first, first, last, last), len(way.rest)
     for _ in range(_DELAY_ROUNDS):
         along, square = delay_sums(
