@@ -35,18 +35,18 @@ PATH: case.Path = [
 Fault = Callable[[Array, Array, float], Array]
 
 
-def made(seed: int, folder: Path) -> tuple[Run, Track, float]:
+def made(seed: int, folder: Path, path: case.Path = PATH) -> tuple[Run, Track, float]:
     """Return a run file, a sound track, and when its turn z+ has lasted for 4 s."""
     rng = np.random.default_rng(seed)
     unknowns = sensor_models.gyro_triad(0.3 * case.DEGREE, 5e-3, 15 / 60 * case.DEGREE)
     v = {name: one.sd * float(rng.standard_normal()) for name, one in unknowns.items()}
     v["latency"] = 5e-3
-    true, speed, late, steps = simulate_travel(PATH, Table(latency=5e-3, jerk=case.JERK), HZ)
+    true, speed, late, steps = simulate_travel(path, Table(latency=5e-3, jerk=case.JERK), HZ)
     y = case.noise_free_readings(v, true, speed)
     y[:, 3:] += case.WHITE_G * np.sqrt(HZ) * rng.standard_normal((len(y), 3))
     said = case.readback(v, late) + 0.5 * case.ARCSEC * rng.standard_normal(late.shape)
     (folder / "run.toml").write_text(case.run_text("turntable_kalman"), encoding="utf-8")
-    (folder / "path.csv").write_text(case.path_text(PATH), encoding="utf-8")
+    (folder / "path.csv").write_text(case.path_text(path), encoding="utf-8")
     time = np.arange(len(y)) / HZ
     track = Track(time, y, said, np.full(time.size, -1))
     return read(folder / "run.toml"), track, float(time[np.argmax(steps == "z+")]) + 4.0
@@ -132,6 +132,18 @@ def test_a_clock_may_run_away_by_its_stated_rate_during_a_pause(
     one = replace(track, time=time, angles=late)
     assert min(len(found(run, one, 1000)), 1) == count
     assert found(run, replace(track, angles=late))  # the same jump without a pause
+
+
+@pytest.mark.parametrize(("stated", "blamed"), [(3e-5, False), (1e-6, True)])
+def test_a_clock_may_run_steadily_at_its_stated_rate(tmp_path: Path, stated: float, blamed: bool):
+    turns = PATH[3:6]
+    rests: case.Path = [(f"level {k}", (0, 0, 0), 500.0) for k in range(len(turns))]
+    path: case.Path = [PATH[0], *(one for both in zip(turns, rests, strict=True) for one in both)]
+    run, track, _ = made(4, tmp_path, path)
+    late = np.stack([np.interp(track.time * (1 - 3e-5), track.time, one) for one in track.angles.T])
+    assert isinstance(run.bench, Turntable)
+    run = replace(run, bench=replace(run.bench, clock=stated))
+    assert any(found(run, replace(track, angles=late.T))) == blamed
 
 
 @pytest.mark.parametrize(

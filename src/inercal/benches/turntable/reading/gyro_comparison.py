@@ -10,11 +10,11 @@ Here δA are scale factors and misalignments, b biases, G the gyros' sensitivity
 p, q and c nonlinearities. τ is the delay of the readback relative to the gyros, and κ is their
 second-order lag. Each gyro has its own parameters. The parameters start with the standard
 deviations below, and every window without a fault narrows them, so that a turn is compared with all
-turns before it. Biases may wander by 0.002 °/s and the stated instability, and τ by the stated rate
-of the readback's clock, in proportion to the length of a pause. The noise consists of the gyros'
-noise (stated, or as seen in the window if that is more), the rounding errors of coarse readings and
-the readback's noise. If an interpolated readback nearly stands still, its angle is taken to be
-within 10″.
+turns before it. Biases may wander by 0.002 °/s and the stated instability. The readback's clock may
+run at any rate within its stated uncertainty, which changes τ in proportion to the time. The noise
+consists of the gyros' noise (stated, or as seen in the window if that is more), the rounding errors
+of coarse readings and the readback's noise. If an interpolated readback nearly stands still, its
+angle is taken to be within 10″.
 
 With r = g − v minus its prediction, and W the inverse of its covariance, a fault with the signature
 s has the significance sᵀ W r / √(sᵀ W s). The signatures are, for each axis, a step at a knot, a
@@ -133,11 +133,12 @@ class GyroComparison:
         self._white = np.array([axis.noise.white for axis in gyros])
         wander = [hypot(axis.noise.bias_instability, _BIAS_WANDER) for axis in gyros]
         late = hypot(bench.latency.sd, _ARRIVAL)
-        # The parameters are in the order of `readback_increments`.
+        # The parameters are in the order of `readback_increments`; the rate of the clock is last.
         own = [_BIAS, late, hypot(_LAG, late * delay)]
         self._harmonics = [(h, of) for h, of in enumerate(bench.harmonics, start=1) if of > _SMALL]
         waves = [of for _, of in self._harmonics for _ in range(2 * len(bench.axes))]
-        sd = np.array([*own, *3 * [_SCALE], *3 * [_SENSITIVITY], *_NONLINEARITY, *waves])
+        sd = np.array([*own, *3 * [_SCALE], *3 * [_SENSITIVITY], *_NONLINEARITY, *waves,
+                       bench.clock])  # fmt: skip
         mean = np.zeros(sd.size)
         mean[1:3] = delay, -(delay**2) / 2
         self._mean = np.tile(mean, (len(gyros), 1))
@@ -146,6 +147,7 @@ class GyroComparison:
         self._wander = np.zeros((len(gyros), sd.size, 2))
         self._wander[:, 0, 0] = wander
         self._wander[:, 1, 1] = _DELAY_WANDER
+        self._begin = inf  # s: beginning of the first window
         self._known = inf  # s: end of the last window without a fault
         self._waiting: list[Track] = []
         self._step = 0.0  # s between samples; 0 before there are any
@@ -217,17 +219,19 @@ class GyroComparison:
         """Return the differences in one window; if there are none, update the parameters."""
         if knots.dt.size < _FEWEST:
             return []
-        residual = knots.difference - np.einsum("gnp,gp->gn", knots.columns, self._mean)
+        self._begin = min(self._begin, float(knots.time[0]))
+        delay = knots.columns[..., 1:2]  # which the clock changes steadily
+        drift = delay * (knots.time - self._begin)[:, None]
+        columns = np.concatenate([knots.columns, drift], axis=-1)
+        residual = knots.difference - np.einsum("gnp,gp->gn", columns, self._mean)
         windows = max((knots.end - self._known) / _WINDOW, 1.0)
         wander = self._wander * sqrt(windows)
         wander[:, 1, 1] = np.hypot(wander[:, 1, 1], self._bench.clock * _WINDOW * windows)
         root = np.concatenate([self._root, wander], axis=-1)
-        fit = WindowFit(
-            self._variance(knots, residual), knots.between, residual, knots.columns @ root
-        )
+        fit = WindowFit(self._variance(knots, residual), knots.between, residual, columns @ root)
         half = root @ np.linalg.inv(fit.triangle)
         change = np.einsum("gpq,gq->gp", half, fit.explained)
-        left = residual - np.einsum("gnp,gp->gn", knots.columns, change)
+        left = residual - np.einsum("gnp,gp->gn", columns, change)
         product = left[:, 1:] * left[:, :-1]
         noise = np.column_stack(  # −(lag-1 covariance), its sd
             [-product.mean(axis=-1), product.std(axis=-1) / sqrt(knots.dt.size)]
