@@ -46,9 +46,11 @@ def score_tests(
         Candidate components that are not scored, because the estimated parameters have exactly the
         same effect.
     """
+    dof = len(residual) - jacobian.shape[1]
     if len(residual) > _MANY and isinstance(candidates, Sequence):
         residual, jacobian, candidates = _rotate_rows(residual, jacobian, candidates)
-    return score_tests_of_trials(residual[None], jacobian[None], candidates, to, spanned)[0]
+    (found,) = score_tests_of_trials(residual[None], jacobian[None], candidates, to, spanned)
+    return replace(found, dof=dof)  # of the rows before they are rotated
 
 
 def score_tests_of_trials(
