@@ -296,7 +296,8 @@ def ahead_of_lag(recording: Recording, lag: float) -> Recording:
     kelvin, time = recording.temperature, recording.time
     if kelvin is None or not lag or time.size < 2:
         return recording
-    apart = np.diff(time) > max(_BRIDGED * abs(lag), GAP_FACTOR * recording.median_step)
+    bridged = _BRIDGED * max(abs(lag), _LEAST_REACH)
+    apart = np.diff(time) > max(bridged, GAP_FACTOR * recording.median_step)
     if recording.labels is not None and any(f.what == "sections" for f in recording.findings):
         apart |= recording.labels[1:] != recording.labels[:-1]  # by an unknown time
     changes = np.abs(np.diff(kelvin, axis=-1)[..., ~apart])
