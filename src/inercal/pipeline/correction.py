@@ -138,7 +138,7 @@ def _unstated_lag(calibration: Calibration, run: Run) -> tuple[Finding, ...]:
 
 
 def _temperatures_beyond(
-    calibration: Calibration, recording: Recording, outside: NDArray[np.bool_]
+    calibration: Calibration, run: Run, recording: Recording, outside: NDArray[np.bool_]
 ) -> tuple[Finding, ...]:
     """Return a warning with the number of samples outside the calibrated temperatures."""
     if not outside.any() or recording.temperature is None:
@@ -147,9 +147,12 @@ def _temperatures_beyond(
     assert calibration.validity.temperature is not None
     ends = " to ".join(f"{t - ZERO_CELSIUS:.2f}" for t in calibration.validity.temperature)
     beyond = recording.temperature[outside] - ZERO_CELSIUS
+    lag = None if run.environment is None else run.environment.lag
+    corrected = f", corrected for [environment] lag = {lag.value:g} s," if lag else ""
     text = (
-        f"{int(outside.sum())} samples at {beyond.min():.2f} to {beyond.max():.2f} °C are outside "
-        f"the temperatures of the calibration, {ends} °C, where its polynomials are not valid"
+        f"{int(outside.sum())} samples at {beyond.min():.2f} to {beyond.max():.2f} °C{corrected} "
+        f"are outside the temperatures of the calibration, {ends} °C, where its polynomials are "
+        "not valid"
     )
     return (Finding("warning", "extrapolation", text.replace("-", "−")),)
 
@@ -248,7 +251,7 @@ def apply(
         outside = temperatures_outside(
             calibration.sensor, calibration.validity, recording.temperature
         )
-    warmer = _temperatures_beyond(calibration, recording, outside)
+    warmer = _temperatures_beyond(calibration, run, recording, outside)
     if warmer and not extrapolate:
         raise InputError(
             f"{warmer[0].message}; cut them off, or allow it with --extrapolate",

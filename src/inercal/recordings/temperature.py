@@ -10,14 +10,15 @@ A temperature sensor with the lag τ reads R when the sensing element is at T = 
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError, error_location
-from inercal.basics.units import ZERO_CELSIUS, parse_quantity, to_si
-from inercal.recordings.samples import Recording
+from inercal.basics.units import ZERO_CELSIUS, format_count, parse_quantity, to_si
+from inercal.recordings.samples import GAP_FACTOR, Finding, Recording
 
 LOWEST, HIGHEST = ZERO_CELSIUS - 100.0, ZERO_CELSIUS + 300.0  # K
 _LEAST_KELVIN = 213.0
@@ -206,7 +207,13 @@ def impossible_text(kelvin: float, remedy: str = ALLOW) -> str:
     return f"{celsius}, outside −100 to 300 °C ({remedy} accepts it)"
 
 
-SMOOTHING = 8.0  # s; longer would bias lags of 20 s, shorter would leave sensor noise in the rate
+_LEAST_REACH = 4.0  # s; the longest that does not bias a lag of 20 s
+_CELLS = 16  # in the reach of a slope; slopes are computed from the means of these cells
+_COARSE = 0.1  # K; with larger steps, slopes need the whole lag
+_STRAIGHT = 0.5, 1.3  # steps, or standard deviations of noise, from a line (rms)
+_MEDIAN_CHANGE = 0.954  # median difference of neighbours, in standard deviations of white noise
+_BRIDGED = 0.25  # of the lag; a longer interruption hides what the temperature did
+_STEP_IN_SLOPE = 1.5  # steps per time: largest error of a least-squares slope from one step
 FOUND_LAG = "lag of the temperature"
 """Key in the conditions of a calibration."""
 TEMPERATURE_VARIATION = 0.5  # K; a smaller variation counts as constant temperature
@@ -219,8 +226,11 @@ def temperature_varies(kelvin: Array | None) -> bool:
     return float(np.ptp(kelvin, axis=-1).max(initial=0.0)) > TEMPERATURE_VARIATION
 
 
-def temperature_rate(time: Array, kelvin: Array) -> Array:
-    """Return the time derivative of a temperature, (..., n) K/s, smoothed over `SMOOTHING`.
+def temperature_rate(time: Array, kelvin: Array, reach: float = _LEAST_REACH) -> Array:
+    """Return the time derivative of a temperature, (..., n) K/s.
+
+    It is the least-squares slope of the temperatures less than `reach` before and after each
+    sample, so it is never taken across a longer gap.
 
     Parameters
     ----------
@@ -228,26 +238,100 @@ def temperature_rate(time: Array, kelvin: Array) -> Array:
         Times, s.
     kelvin : (..., n) array
         Temperatures, K.
+    reach : float
+        s; at least the neighbours of each sample are used.
     """
+    return _slopes(time, kelvin, reach)[0]
+
+
+def _slopes(time: Array, kelvin: Array, reach: float) -> tuple[Array, Array]:
+    """Return the rates of `temperature_rate`, and the rms distance from each line, (..., n) K."""
     if time.size < 2:
-        return np.zeros(kelvin.shape)
-    step = float(time[-1] - time[0]) / (time.size - 1)
-    half = int(min(SMOOTHING / 4 / step, (time.size - 1) / 4))
-    return np.gradient(_box(_box(kelvin, half), half), time, axis=-1)
+        return np.zeros(kelvin.shape), np.zeros(kelvin.shape)
+    reach = max(reach, GAP_FACTOR * float(np.median(np.diff(time))))
+    cell = np.floor((time - time[0]) / (reach / _CELLS))
+    first = np.flatnonzero(np.diff(cell, prepend=-1.0))
+    count = np.diff(first, append=time.size)
+    at = np.add.reduceat(time, first) / count
+    mean = np.add.reduceat(kelvin, first, axis=-1) / count
+    weight, x, xx = np.zeros((3, at.size))
+    y, xy, yy = np.zeros((3, *mean.shape))
+    for k in range(-_CELLS, _CELLS + 1):
+        other = np.arange(at.size) + k
+        inside = (other >= 0) & (other < at.size)
+        other = np.where(inside, other, 0)
+        away, higher = at[other] - at, mean[..., other] - mean
+        w = count[other] * (inside & (np.abs(away) <= reach))
+        weight, x, xx = weight + w, x + w * away, xx + w * away**2
+        y, xy, yy = y + w * higher, xy + w * away * higher, yy + w * higher**2
+    spread, product = xx - x**2 / weight, xy - x * y / weight
+    slope = product / np.where(spread > 0, spread, np.inf)
+    square = np.maximum(yy - y**2 / weight - slope * product, 0) / weight
+    return np.repeat(slope, count, axis=-1), np.repeat(np.sqrt(square), count, axis=-1)
+
+
+def _rate_of_reading(time: Array, kelvin: Array, lag: float, step: float, straight: float) -> Array:
+    """Return dR/dt, (..., n) K/s, from the longest lines that are within `straight`, K.
+
+    The lines reach up to `lag` before and after each sample; less if the steps are small, because
+    the lines then need not be as long.
+    """
+    reach = max(_LEAST_REACH, lag * min(1.0, float(np.sqrt(step / _COARSE))))
+    rate, away = _slopes(time, kelvin, reach)
+    while (bent := away > straight).any() and (reach := reach / 2) >= _LEAST_REACH:
+        shorter, distance = _slopes(time, kelvin, reach)
+        rate, away = np.where(bent, shorter, rate), np.where(bent, distance, away)
+    return rate
 
 
 def ahead_of_lag(recording: Recording, lag: float) -> Recording:
     """Convert the temperature R to that of the sensing element, T, for a lag τ in s.
 
     If R lags, T = R + τ dR/dt. If R leads, τ < 0, T is R behind a low-pass filter: R = T − τ dT/dt.
+    Each part between interruptions is converted by itself. dR/dt is the slope of a line through the
+    readings up to τ before and after, so that a step of a coarse thermometer changes T by about a
+    step. Parts that are too short for this keep their temperature R, and the recording gets a
+    warning.
     """
     kelvin, time = recording.temperature, recording.time
     if kelvin is None or not lag or time.size < 2:
         return recording
-    if lag < 0:
-        step = float(time[-1] - time[0]) / (time.size - 1)
-        return replace(recording, temperature=first_order_response(kelvin, -lag, step))
-    return replace(recording, temperature=kelvin + lag * temperature_rate(time, kelvin))
+    bridged = _BRIDGED * max(abs(lag), _LEAST_REACH)
+    apart = np.diff(time) > max(bridged, GAP_FACTOR * recording.median_step)
+    if recording.labels is not None and any(f.what == "sections" for f in recording.findings):
+        apart |= recording.labels[1:] != recording.labels[:-1]  # by an unknown time
+    changes = np.abs(np.diff(kelvin, axis=-1)[..., ~apart])
+    step = float(np.median(changes[changes > 0])) if changes.any() else 0.0
+    noise = float(np.median(changes)) / _MEDIAN_CHANGE if changes.size else 0.0
+    straight = max(_STRAIGHT[0] * step, _STRAIGHT[1] * noise)
+    result, short = kelvin.copy(), list[tuple[float, int, int]]()
+    for start, stop in pairwise([0, *(np.flatnonzero(apart) + 1).tolist(), time.size]):
+        t, part, span = time[start:stop], kelvin[..., start:stop], recording.span(start, stop)
+        if lag < 0:
+            result[..., start:stop] = first_order_response(part, -lag, span / t.size)
+        elif span < lag and _STEP_IN_SLOPE * step * lag / span > TEMPERATURE_VARIATION:
+            short.append((span, start, stop))
+        else:
+            rate = _rate_of_reading(t, part, lag, step, straight)
+            result[..., start:stop] = part + lag * rate
+    found = (_not_corrected(recording, lag, step, short),) if short else ()
+    return replace(recording, temperature=result, findings=(*recording.findings, *found))
+
+
+def _not_corrected(
+    recording: Recording, lag: float, step: float, short: list[tuple[float, int, int]]
+) -> Finding:
+    """Return the warning about parts that are too short to see how fast the temperature changed."""
+    span, start, stop = max(short)
+    first, last = recording.stamps[[start, stop - 1]]
+    text = (
+        f"the temperature of {format_count(len(short), 'part')} of the recording is not corrected "
+        f"for the lag of {lag:g} s, because the time between two interruptions is too short: even "
+        f"in the longest of these parts, {first:.6g} to {last:.6g} s, steps of {step:.2g} K make "
+        f"the correction uncertain by {_STEP_IN_SLOPE * step * lag / span:.2g} K; record without "
+        "interruptions"
+    )
+    return Finding("warning", "lag", text)
 
 
 def first_order_response(driving: Array, time_constant: float, step: float) -> Array:
@@ -274,17 +358,3 @@ def first_order_response(driving: Array, time_constant: float, step: float) -> A
     start = (1 - after) * driving[..., :1]
     result = lfilter([after, before], [1.0, -keep], driving, zi=start)[0]
     return np.asarray(result, dtype=float)
-
-
-def _box(values: Array, half: int) -> Array:
-    """Return moving averages over 2 half + 1 samples; the series is extended by odd reflection."""
-    if half < 1:
-        return values
-    first, last = values[..., :1], values[..., -1:]
-    before = 2 * first - values[..., half:0:-1]
-    after = 2 * last - values[..., -2 : -half - 2 : -1]
-    middle = values.mean(axis=-1, keepdims=True)
-    padded = np.concatenate([before, values, after], axis=-1) - middle
-    total = np.cumsum(np.concatenate([np.zeros_like(first), padded], axis=-1), axis=-1)
-    width = 2 * half + 1
-    return middle + (total[..., width:] - total[..., :-width]) / width
