@@ -197,6 +197,13 @@ def test_found_sections_with_a_mistake_are_refused(tmp_path: Path, mistake: str)
         assert refusal.value.names == changes
 
 
+def test_a_wrong_rate_is_named_only_if_it_gives_the_times():
+    change = ("the gyros' readings are multiplied by about 0.5",)
+    stated, by_column = (axes_check.mistake_advice(change, rate) for rate in ("100 Hz", None))
+    assert '[data] rate = "100 Hz" is wrong' in stated
+    assert "rate" not in by_column
+
+
 def test_found_sections_without_a_mistake_are_consistent(tmp_path: Path):
     outcome = calibrated(tmp_path, with_moves(), marks="found")
     assert outcome.verdict.grade == "consistent"

@@ -128,6 +128,17 @@ def test_repeated_rows_are_dropped_with_a_note():
     np.testing.assert_array_equal(audited.data, made.data)
 
 
+def test_rows_stored_twice_at_different_times_are_named():
+    made = recording()
+    twice = made.take(np.repeat(np.arange(1000), 2))
+    time = twice.time + np.tile([0, 5e-5], 1000)
+    finding = only(audit(dataclasses.replace(twice, time=time)))
+    assert (finding.severity, finding.what, finding.start) == ("refused", "repeated", 0)
+    other = np.r_[made.data, made.data[::-1]]  # different readings at the same times
+    finding = only(audit(dataclasses.replace(twice, time=time, data=other)))
+    assert finding.what == "time unit"
+
+
 def test_two_readings_of_one_time_are_refused():
     time = np.floor(np.arange(1000) / 2) / 100
     with refused(line=3):

@@ -77,7 +77,7 @@ UNSEEN = "unseen"
 _NO_CAUSE = (
     "No single cause explains this: the noise is larger than stated, or several things are wrong."
 )
-_NOTES_ON_SAMPLES = ("gap", "repeated", "order", "implausible", "angles")
+_NOTES_ON_SAMPLES = ("gap", "sections", "repeated", "order", "implausible", "angles")
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
 

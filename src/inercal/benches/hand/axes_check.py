@@ -72,7 +72,7 @@ def check_axes(
         f"{found.turns} turns between rests do not agree with gravity as recorded; they agree only "
         f"if {changes}"
     )
-    advice = f"{_advice(found.changes)}{run.sensor.negative_scales}"
+    advice = f"{mistake_advice(found.changes, rate=run.data.rate)}{run.sensor.negative_scales}"
     if not found.clear:
         return found, (Finding("warning", "axes", f"{text}; {advice}"),)
     if not found.unique:
@@ -96,13 +96,16 @@ def _with_columns(change: str, run: RunBase[RestsSection]) -> str:
     return name_columns(change, columns)
 
 
-def _advice(changes: Sequence[str]) -> str:
+def mistake_advice(changes: Sequence[str], rate: str | None) -> str:
     """Return advice on which keys of the run file to check."""
     if all("unit" in one for one in changes):
         other = "°/s read as rad/s" if "°/s" in changes[0] else "rad/s read as °/s"
         return f"this looks like {other}: see unit in [sensor.gyro]"
     if any("multiplied" in one for one in changes):
-        return "check scale and unit in [sensor.gyro], and the full scale of the board"
+        text = "check scale and unit in [sensor.gyro], and the full scale of the board"
+        return (
+            f'{text}; or [data] rate = "{rate}" is wrong, and all times with it' if rate else text
+        )
     gyros = any(name in one for one in changes for name in ("gx", "gy", "gz", "triad", "gyro"))
     force = any(name in one for one in changes for name in ("ax", "ay", "az", "triad"))
     keys = " and ".join(["accelerometer"] * force + ["gyro"] * gyros)
