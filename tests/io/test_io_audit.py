@@ -272,6 +272,16 @@ def test_units_are_judged_by_gravity_at_rest(
     assert all(unit in f.message and ("unit =" in f.message) == bool(unit) for f in findings)
 
 
+def test_points_for_thousands_are_named():
+    rng = np.random.default_rng(5)
+    counts = np.rint(rng.normal([100, -20, 8500], 10, (2000, 3)))
+    readout = Readout(scale=8192 / G0, unit="LSB")
+    for data in (np.where(np.abs(counts) < 1000, counts, counts / 1000), counts / 4):
+        made = recording(2000, data=data, channels=("x", "y", "z"), units=("LSB",) * 3)
+        (finding,) = audit_rest_norm(made, triad(readout=readout), G0).findings
+        assert ("a point for thousands" in finding.message) == (data[0, 2] < 10)
+
+
 @pytest.mark.parametrize(
     ("unit", "ratio", "named"),
     [

@@ -5,6 +5,7 @@ Accelerometers that are off by about gravity are also recognised: some firmware 
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from math import degrees
 
 import numpy as np
@@ -35,6 +36,8 @@ NO_TURNS = (
     "they are not in the recording, so exchanged or reversed gyro columns cannot be detected"
 )
 
+_RANGES = (0.25, 0.5, 2.0, 4.0)  # ratios of the ranges of an accelerometer
+_SPHERE = 0.02  # scatter of the norms, relative to gravity, of usable accelerometers
 _FAR = 0.5  # of gravity; larger than the bias of any working accelerometer
 _NEAR = 0.1  # relative difference between the radius and gravity, from scale factors
 
@@ -63,7 +66,9 @@ def check_axes(
     found = judge_turns(turns, others=run.data.marks == "found")
     if found.agree is None and found.turns > _MANY_TURNS:
         text = f"{found.turns} turns between rests agree with no order and signs of the axes: "
-        text += "columns may be exchanged or wrong in a part of the recording"
+        text += changed_scale(recording, run.sensor, ordered) or (
+            "columns may be exchanged or wrong in a part of the recording"
+        )
         return found, (Finding("note", "axes", text),)
     if found.agree is not False:
         return found, ()
@@ -83,6 +88,42 @@ def check_axes(
         file=run.file(run.data.file),
         key="[data] accelerometer",
         names=found.changes,
+    )
+
+
+def changed_scale(recording: Recording, sensor: Sensor, rests: Sequence[Mark]) -> str:
+    """Return which accelerometer's range was switched if this explains all norms, otherwise "".
+
+    Parameters
+    ----------
+    recording : Recording
+        A recording without a trial axis.
+    sensor : Sensor
+    rests : sequence of Mark
+        The rests in the order of time.
+    """
+    names = [axis.name for axis in sensor.axes if axis.measures == "f"]
+    if len(names) != len("xyz"):
+        return ""
+    columns = [recording.channels.index(name) for name in names]
+    means = np.array([recording.data[r.start : r.stop, columns].mean(axis=0) for r in rests])
+
+    def misfit(k: int, first: int, factor: float) -> float:
+        read = means.copy()
+        read[first:, k] /= factor
+        centre, radius = sphere(read)
+        if centre is None or radius is None:
+            return np.inf
+        return float(np.linalg.norm(read - centre, axis=1).std()) / radius
+
+    cases = [*product(range(3), range(2, len(rests) - 1), _RANGES)]
+    k, first, factor = min(cases, key=lambda one: misfit(*one))
+    if misfit(k, first, factor) > _SPHERE or misfit(0, 0, 1.0) < 3 * _SPHERE:
+        return ""
+    start = recording.time[rests[first].start]
+    return (
+        f"{names[k]} reads {factor:g} times as much from {start:.6g} s on, as if its range was "
+        "switched; calibrate each part as a file of its own"
     )
 
 
