@@ -22,6 +22,7 @@ from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, PlainAdvisor
 from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,
+    counts_remark,
     implausible_sizes,
     scale_remarks,
     undetectable_causes,
@@ -187,7 +188,11 @@ def verdict(
         explanation.UNCERTAINTIES: _uncertainties_by_group(largest),
         explanation.UNDETECTABLE: undetectable,
         explanation.REMARKS: merge_messages(
-            (*estimate.notes, *(() if far else scale_remarks(estimate, sensor)))
+            (
+                *estimate.notes,
+                *counts_remark(estimate, sensor),
+                *(() if far else scale_remarks(estimate, sensor)),
+            )
         ),
         explanation.CHECKS: merge_messages([*told, *noted]),
     }
