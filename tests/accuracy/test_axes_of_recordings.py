@@ -197,6 +197,27 @@ def test_found_sections_with_a_mistake_are_refused(tmp_path: Path, mistake: str)
         assert refusal.value.names == changes
 
 
+@pytest.mark.parametrize(("axis", "factor"), [("ax", 2.0), ("az", 0.25)])
+def test_a_range_that_was_switched_is_named_with_its_axis(axis: str, factor: float):
+    time, data, rests = held(1)
+    half = rests[len(rests) // 2].start
+
+    def text() -> str:
+        recording = Recording(time, data, CHANNELS, ("m/s²",) * 3 + ("rad/s",) * 3)
+        return axes_check.changed_scale(recording, SENSOR, rests)
+
+    assert text() == ""
+    data[half:, CHANNELS.index(axis)] *= factor
+    assert f"{axis} reads {factor:g} times as much from {time[half]:.6g} s on" in text()
+
+
+def test_a_wrong_rate_is_named_only_if_it_gives_the_times():
+    change = ("the gyros' readings are multiplied by about 0.5",)
+    stated, by_column = (axes_check.mistake_advice(change, rate) for rate in ("100 Hz", None))
+    assert '[data] rate = "100 Hz" is wrong' in stated
+    assert "rate" not in by_column
+
+
 def test_found_sections_without_a_mistake_are_consistent(tmp_path: Path):
     outcome = calibrated(tmp_path, with_moves(), marks="found")
     assert outcome.verdict.grade == "consistent"

@@ -14,7 +14,7 @@ from inercal.calibration.verdict import verdict
 from inercal.estimation import Estimate
 from inercal.estimation.scores import COMMON_DRIFT, SLOW_NOISE, ModelTest
 from inercal.physics.plan import Hold
-from inercal.physics.sensors import G0, Sensor, imu, triad
+from inercal.physics.sensors import G0, Readout, Sensor, imu, triad
 from inercal.recordings import Finding
 
 SENSOR = triad("t", "f", "a").with_coefficients("bias", "scale")
@@ -53,6 +53,15 @@ def test_consistent_data_are_said_to_agree():
     assert len(others) == 1
     # P(χ²₁₂ > 10.5) = 0.572
     assert any("p = 0.57" in line for line in found.statements)
+
+
+def test_counts_per_g_are_stated_for_accelerometers_that_read_counts():
+    readout = Readout(scale=8192 / G0, unit="LSB")
+    sensor = triad("t", "f", "a", readout=readout).with_coefficients("bias", "scale")
+    for one, counts in ((sensor, True), (SENSOR, False)):
+        found = verdict(estimate(one, 10.5, 12, ax_k1=2e-3), one, ())
+        text = "are ax 8208.38, ay 8192, az 8192 LSB/g"
+        assert any(text in line for line in found.statements) == counts
 
 
 def test_inconsistent_data_enlarge_all_uncertainties_by_the_birge_ratio():

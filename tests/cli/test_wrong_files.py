@@ -34,6 +34,16 @@ def test_apply_says_which_file_is_wanted(tmp_path: Path, monkeypatch: pytest.Mon
     assert f"inercal init {log}" in str(no_run_file)
 
 
+def test_an_existing_file_is_no_folder_of_a_bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    plan = run_file(tmp_path, SIX_POSITIONS)
+    monkeypatch.setattr("inercal.calibration.files.load", lambda _: None)
+    (existing := tmp_path / "full").write_text("")
+    for out, advice in ((existing, "ends in .csv"), (tmp_path, "new folder")):
+        with refused(InputError, key="--out", file=out) as caught:
+            apply_command.run(tmp_path, plan, out, None, None, None, None, False, False, False)
+        assert advice in str(caught.value)
+
+
 def test_an_open_question_of_a_draft_is_named_with_its_line(tmp_path: Path):
     path = run_file(tmp_path, SIX_POSITIONS)
     text = (

@@ -128,6 +128,17 @@ def test_repeated_rows_are_dropped_with_a_note():
     np.testing.assert_array_equal(audited.data, made.data)
 
 
+def test_rows_stored_twice_at_different_times_are_named():
+    made = recording()
+    twice = made.take(np.repeat(np.arange(1000), 2))
+    time = twice.time + np.tile([0, 5e-5], 1000)
+    finding = only(audit(dataclasses.replace(twice, time=time)))
+    assert (finding.severity, finding.what, finding.start) == ("refused", "repeated", 0)
+    other = np.r_[made.data, made.data[::-1]]  # different readings at the same times
+    finding = only(audit(dataclasses.replace(twice, time=time, data=other)))
+    assert finding.what == "time unit"
+
+
 def test_two_readings_of_one_time_are_refused():
     time = np.floor(np.arange(1000) / 2) / 100
     with refused(line=3):
@@ -259,6 +270,16 @@ def test_units_are_judged_by_gravity_at_rest(
     findings = audit_rest_norm(made, triad(readout=readout), 9.81).findings
     assert [f.severity for f in findings] == ([] if severity is None else [severity]), declared
     assert all(unit in f.message and ("unit =" in f.message) == bool(unit) for f in findings)
+
+
+def test_points_for_thousands_are_named():
+    rng = np.random.default_rng(5)
+    counts = np.rint(rng.normal([100, -20, 8500], 10, (2000, 3)))
+    readout = Readout(scale=8192 / G0, unit="LSB")
+    for data in (np.where(np.abs(counts) < 1000, counts, counts / 1000), counts / 4):
+        made = recording(2000, data=data, channels=("x", "y", "z"), units=("LSB",) * 3)
+        (finding,) = audit_rest_norm(made, triad(readout=readout), G0).findings
+        assert ("a point for thousands" in finding.message) == (data[0, 2] < 10)
 
 
 @pytest.mark.parametrize(

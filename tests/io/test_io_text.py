@@ -102,6 +102,21 @@ def test_rows_keep_their_line_numbers_unless_comments_stand_between(tmp_path: Pa
     assert table.numbers("x").tolist() == [1, 2]
 
 
+@pytest.mark.parametrize(("row", "column"), [(2, 2), (7, 0), (7, 1), (7, 2)])
+@pytest.mark.parametrize("separator", [",", ";", "\t", " ", "|"])
+@pytest.mark.parametrize("cell", ["1.#QNAN", "-1.#IND", "1.#INF00", "#WERT!", "#NV", "#N/A"])
+def test_an_error_value_is_refused_in_each_column(
+    tmp_path: Path, cell: str, separator: str, row: int, column: int
+):
+    rows = [["t", "x", "y"], *([str(k / 10), "0.5", "-1.5"] for k in range(9))]
+    rows[row - 1][column] = cell
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(map(separator.join, rows)) + "\n")
+    with refused(file="log.csv", line=row) as caught:
+        read_table(path)
+    assert f"column '{'txy'[column]}': {cell!r} is " in str(caught.value)
+
+
 def test_real_files_are_read_whole(data_dir: Path):
     annotated = read_table(data_dir / "ferraris_imucal" / "annotated_session.csv")
     assert annotated.columns["part"].shape == (9414,)

@@ -13,6 +13,7 @@ from tests.accuracy.inercal_inputs import make_bench, make_marks, recording
 
 from inercal.basics.units import Measured
 from inercal.benches import Hand
+from inercal.calibration.agreement_text import cause_lines
 from inercal.calibration.detectability import undetectable_causes
 from inercal.calibration.grade import assess
 from inercal.estimation import Estimate
@@ -174,6 +175,17 @@ def test_a_step_along_gravity_within_a_rest_by_hand_is_named() -> None:
 
     rejected = assess(hand_held(step), 30).rejecting_tests
     assert any(test.name.startswith("change within r05") for test in rejected)
+
+
+def test_samples_lost_in_a_turn_are_named_as_a_possible_cause() -> None:
+    def lose(data: Array, rests: list[tuple[int, int]]) -> None:
+        middle = (rests[6][1] + rests[7][0]) // 2
+        data[middle - 20 : middle + 20, 3:] = 0
+
+    for change in (lose, None):
+        estimate = hand_held(change)
+        lines = cause_lines(estimate, assess(estimate, 30), imu(), {}, "rest")
+        assert any("lost during a turn" in line for line in lines) == (change is lose)
 
 
 @pytest.mark.parametrize("kind", ["accelerometers", "gyros"])

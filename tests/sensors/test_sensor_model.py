@@ -224,6 +224,9 @@ def test_unknown_coefficient_says_what_there_is():
     with refused(names=["missalignment"]) as refusal:
         triad().with_coefficients("missalignment")
     assert "did you mean misalignment?" in str(refusal.value)
+    with refused(names=["k1_sens"]) as refusal:
+        triad().with_coefficients("k1_sens")
+    assert "did you mean k1?" in str(refusal.value)
 
 
 def test_readout_converts_both_ways():

@@ -137,6 +137,11 @@ def cause_lines(
             "No single cause explains the residuals: the noise is larger than stated, or "
             "something changed from row to row."
         )
+    if any("rotations" in one.name for one in assessment.rejecting_tests):
+        yield (
+            "Some turns between rests disagree with gravity. Samples lost during a turn change its "
+            "angle, and a stated rate instead of a column of times hides this."
+        )
     yield from _outlier_row_lines(assessment, row_word)
     if not (estimate.consistent or estimate.groups):
         yield from _largest_pull_lines(estimate, expected)

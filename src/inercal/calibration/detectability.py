@@ -194,6 +194,18 @@ _TRIALS = 200  # standard deviations σ that are tried
 _FEWEST = 2  # gyros that can have a sensitivity in common
 
 
+def counts_remark(estimate: Estimate, sensor: Sensor) -> Iterator[str]:
+    """Yield the estimated scale factors of accelerometers that read counts, if there are any."""
+    value = dict(zip(sensor.coefficients, estimate.value.tolist(), strict=False))
+    found = [
+        f"{axis.name} {G0 * axis.readout.scale * (1 + value[f'{axis.name}.k1']):.6g}"
+        for axis in sensor.axes
+        if axis.readout.unit == "LSB" and f"{axis.name}.k1" in value
+    ]
+    if found:
+        yield f"The scale factors of the accelerometers are {', '.join(found)} LSB/g"
+
+
 def scale_remarks(estimate: Estimate, sensor: Sensor) -> Iterator[str]:
     """Yield a remark for each kind of sensor whose scale factors are far from the stated one."""
     value = dict(zip(sensor.coefficients, estimate.value.tolist(), strict=False))

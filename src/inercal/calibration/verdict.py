@@ -22,6 +22,7 @@ from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, PlainAdvisor
 from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,
+    counts_remark,
     implausible_sizes,
     scale_remarks,
     undetectable_causes,
@@ -77,7 +78,7 @@ UNSEEN = "unseen"
 _NO_CAUSE = (
     "No single cause explains this: the noise is larger than stated, or several things are wrong."
 )
-_NOTES_ON_SAMPLES = ("gap", "repeated", "order", "implausible", "angles")
+_NOTES_ON_SAMPLES = ("gap", "sections", "repeated", "order", "implausible", "angles")
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
 
@@ -187,7 +188,11 @@ def verdict(
         explanation.UNCERTAINTIES: _uncertainties_by_group(largest),
         explanation.UNDETECTABLE: undetectable,
         explanation.REMARKS: merge_messages(
-            (*estimate.notes, *(() if far else scale_remarks(estimate, sensor)))
+            (
+                *estimate.notes,
+                *counts_remark(estimate, sensor),
+                *(() if far else scale_remarks(estimate, sensor)),
+            )
         ),
         explanation.CHECKS: merge_messages([*told, *noted]),
     }

@@ -146,8 +146,14 @@ def _checked_storage(out: Path, form: str | None, frame_id: str | None) -> str:
                 key="--format",
             )
     elif os.path.exists(out):  # Path.exists raises an error if a name is too long
+        advice = "name a new folder for the bag; --force does not replace folders"
+        if not os.path.isdir(out):
+            advice = (
+                f"give a name that ends in {', '.join(SUFFIXES)} or .mcap; a name without a suffix "
+                "is the new folder of a bag"
+            )
         raise InputError(
-            f"{out} exists: name a new folder for the bag; --force does not replace folders",
+            f"{out} exists: {advice}",
             file=out,
             key="--out",
         )

@@ -104,8 +104,9 @@ def _fitted(
             )
     except (InputError, NotObserved) as error:
         require_possible_rows(run.path, observations, sensor, bench, inputs.steps)
-        located = error.located(f"{run.path}{_flaws_in_words(inputs.findings)}", file=run.path)
-        causes = _possible_causes(inputs, sensor, zero_rates, error)
+        flaws = _flaws_in_words(inputs.findings)
+        located = error.located(f"{run.path}{flaws}", file=run.path)
+        causes = "" if flaws else _possible_causes(inputs, sensor, zero_rates, error)
         if isinstance(error, NotObserved):
             causes = f"{large_uncertainties(run, expected)}{causes}"
         located.args = (f"{located}{_usable_also(run, error)}{causes}",)

@@ -44,6 +44,7 @@ DAMAGED = {
     "a missing column": "0,1,2,3,4,5",
     "two joined lines": "0,1,2,3,4,5,60,1,2,3,4,5,6",
     "a word": "0,1,2,overflow,4,5,6",
+    "an error value": "0,1,2,3,4,5,1.#QNAN",
     "an empty cell": "0,1,2,,4,5,6",
     "not a number": "0,1,2,nan,4,5,6",
     "infinity": "0,1,2,inf,4,5,6",

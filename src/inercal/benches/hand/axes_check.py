@@ -5,6 +5,7 @@ Accelerometers that are off by about gravity are also recognised: some firmware 
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from math import degrees
 
 import numpy as np
@@ -35,6 +36,8 @@ NO_TURNS = (
     "they are not in the recording, so exchanged or reversed gyro columns cannot be detected"
 )
 
+_RANGES = (0.25, 0.5, 2.0, 4.0)  # ratios of the ranges of an accelerometer
+_SPHERE = 0.02  # scatter of the norms, relative to gravity, of usable accelerometers
 _FAR = 0.5  # of gravity; larger than the bias of any working accelerometer
 _NEAR = 0.1  # relative difference between the radius and gravity, from scale factors
 
@@ -63,7 +66,9 @@ def check_axes(
     found = judge_turns(turns, others=run.data.marks == "found")
     if found.agree is None and found.turns > _MANY_TURNS:
         text = f"{found.turns} turns between rests agree with no order and signs of the axes: "
-        text += "columns may be exchanged or wrong in a part of the recording"
+        text += changed_scale(recording, run.sensor, ordered) or (
+            "columns may be exchanged or wrong in a part of the recording"
+        )
         return found, (Finding("note", "axes", text),)
     if found.agree is not False:
         return found, ()
@@ -72,7 +77,7 @@ def check_axes(
         f"{found.turns} turns between rests do not agree with gravity as recorded; they agree only "
         f"if {changes}"
     )
-    advice = f"{_advice(found.changes)}{run.sensor.negative_scales}"
+    advice = f"{mistake_advice(found.changes, rate=run.data.rate)}{run.sensor.negative_scales}"
     if not found.clear:
         return found, (Finding("warning", "axes", f"{text}; {advice}"),)
     if not found.unique:
@@ -86,6 +91,42 @@ def check_axes(
     )
 
 
+def changed_scale(recording: Recording, sensor: Sensor, rests: Sequence[Mark]) -> str:
+    """Return which accelerometer's range was switched if this explains all norms, otherwise "".
+
+    Parameters
+    ----------
+    recording : Recording
+        A recording without a trial axis.
+    sensor : Sensor
+    rests : sequence of Mark
+        The rests in the order of time.
+    """
+    names = [axis.name for axis in sensor.axes if axis.measures == "f"]
+    if len(names) != len("xyz"):
+        return ""
+    columns = [recording.channels.index(name) for name in names]
+    means = np.array([recording.data[r.start : r.stop, columns].mean(axis=0) for r in rests])
+
+    def misfit(k: int, first: int, factor: float) -> float:
+        read = means.copy()
+        read[first:, k] /= factor
+        centre, radius = sphere(read)
+        if centre is None or radius is None:
+            return np.inf
+        return float(np.linalg.norm(read - centre, axis=1).std()) / radius
+
+    cases = [*product(range(3), range(2, len(rests) - 1), _RANGES)]
+    k, first, factor = min(cases, key=lambda one: misfit(*one))
+    if misfit(k, first, factor) > _SPHERE or misfit(0, 0, 1.0) < 3 * _SPHERE:
+        return ""
+    start = recording.time[rests[first].start]
+    return (
+        f"{names[k]} reads {factor:g} times as much from {start:.6g} s on, as if its range was "
+        "switched; calibrate each part as a file of its own"
+    )
+
+
 def _with_columns(change: str, run: RunBase[RestsSection]) -> str:
     """Describe a change and add the column of each axis that it names."""
     columns: dict[str, str] = {}
@@ -96,13 +137,16 @@ def _with_columns(change: str, run: RunBase[RestsSection]) -> str:
     return name_columns(change, columns)
 
 
-def _advice(changes: Sequence[str]) -> str:
+def mistake_advice(changes: Sequence[str], rate: str | None) -> str:
     """Return advice on which keys of the run file to check."""
     if all("unit" in one for one in changes):
         other = "°/s read as rad/s" if "°/s" in changes[0] else "rad/s read as °/s"
         return f"this looks like {other}: see unit in [sensor.gyro]"
     if any("multiplied" in one for one in changes):
-        return "check scale and unit in [sensor.gyro], and the full scale of the board"
+        text = "check scale and unit in [sensor.gyro], and the full scale of the board"
+        return (
+            f'{text}; or [data] rate = "{rate}" is wrong, and all times with it' if rate else text
+        )
     gyros = any(name in one for one in changes for name in ("gx", "gy", "gz", "triad", "gyro"))
     force = any(name in one for one in changes for name in ("ax", "ay", "az", "triad"))
     keys = " and ".join(["accelerometer"] * force + ["gyro"] * gyros)

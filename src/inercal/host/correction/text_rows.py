@@ -27,7 +27,7 @@ from inercal.recordings.io.column_table import select_columns, shorten
 from inercal.recordings.io.read import Columns, detect_reader
 from inercal.recordings.io.row_checks import TOO_LARGE, is_usable
 from inercal.recordings.io.table_start import is_number
-from inercal.recordings.io.text_layout import COMMENTS, TextLayout, sniff_lines
+from inercal.recordings.io.text_layout import TextLayout, sniff_lines, uncommented
 from inercal.recordings.io.wrapped_numbers import signed_counts
 from inercal.recordings.temperature import is_impossible
 from inercal.runfile import Run
@@ -266,7 +266,7 @@ class TextRows:
         lines = text.removeprefix("\ufeff").split("\n")
         layout = self._layout
         if layout is None:
-            first = [line for line in lines if line.strip() and line[0] not in COMMENTS]
+            first = [line for line in lines if uncommented(line).strip()]
             if len(first) < 1 + self._named:  # only a row below it tells what a header is
                 self._buffer = whole + end + rest
                 return None

@@ -229,13 +229,14 @@ def require_coverage(rests: Rests, priors: Priors) -> None:
         target_deviation=_TARGET_DEVIATION,
         max_attitudes=max(a + 3 - len(ups), 4),  # the missing rests, but at least 4
     )
-    raise NotObserved(
-        f"{_much_smaller_gyro(rests)}these data do not determine {', '.join(named)}: "
-        f"{_coverage_gaps(rests, ups)}; add: {attitudes_in_words(more)} "
-        f"{undetermined_combinations(words)}",
-        words,
-        names=named,
-    )
+    cause = f"these data do not determine {', '.join(named)}"
+    add = f"add: {attitudes_in_words(more)}"
+    if smaller := _much_smaller_gyro(rests):
+        text = f"{smaller}; {cause}; if the gyro is right, {add}"
+    else:
+        gaps = _coverage_gaps(rests, ups)
+        text = f"{cause}: {gaps}; {add} {undetermined_combinations(words)}"
+    raise NotObserved(text, words, names=named)
 
 
 def _much_smaller_gyro(rests: Rests) -> str:
@@ -253,7 +254,7 @@ def _much_smaller_gyro(rests: Rests) -> str:
     name = rests.sensor.axes[rests.m + least].name
     return (
         f"{name} changes {ratio:.0f} times less than the other gyros during the turns, so first "
-        "check that its column is in the unit of [sensor.gyro]; "
+        "check that it works, and that its column is in the unit of [sensor.gyro]"
     )
 
 

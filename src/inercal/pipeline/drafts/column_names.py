@@ -67,6 +67,7 @@ _UNITS = (  # units in a column's name, as text or in brackets, with their kind
     (re.compile(r"\[g\]|\(g\)|_g\b"), "g"),
     (re.compile(r"\bmrad/s\b"), "mrad/s"),
     (re.compile(r"rad_?/?s\b|_rad\b|rads\b|rad\W?s(\^?-1|⁻¹)"), "rad/s"),
+    (re.compile(r"angular_velocity[./][xyz]$"), "rad/s"),  # of ROS
     (re.compile(r"\bm(dps|(deg|°)/?s)\b|_mdps\b"), "m°/s"),
     (re.compile(r"(deg|°)_?/?s\b|dps\b|_deg\b|(deg|°)\W?s(\^?-1|⁻¹)"), "°/s"),
     (re.compile(r"lsb|counts?|raw"), "LSB"),
@@ -94,6 +95,8 @@ def column_unit(name: str) -> str | None:
 
     >>> column_unit("a [mV]"), column_unit("Gyr_X (deg/s)"), column_unit("a_x_raw")
     ('mV', '°/s', 'LSB')
+    >>> column_unit("field.angular_velocity.x")
+    'rad/s'
     """
     if (stated := bracketed_unit(name, *_READING_UNITS)) is not None:
         same = (unit for unit in (*_KINDS, "LSB") if _same_size(unit, stated))

@@ -8,6 +8,8 @@ from inercal.basics.arrays import Array
 from inercal.recordings import Indices
 
 _JUMP = 10.0  # difference between the means of neighbouring quiet blocks, in limits of the scatter
+_SAME_LEVEL = np.log(2.0)  # of the scatter, during a stay
+_MOST_BLOCKS = 8  # of a stay that are counted, as in the detection of rests
 
 
 class QuietMeans(NamedTuple):
@@ -33,7 +35,8 @@ def find_quiet_sections(data: Array, window: int) -> Indices:
     scatter = blocks.std(axis=1)
     floor = np.maximum(np.quantile(scatter, 0.2, axis=0), 1e-12)
     level = np.log(np.maximum((scatter / floor).max(axis=-1), 1e-3))
-    edges = np.sort(level)
+    edges = np.sort(_changing(level))
+    count = edges.size
     below = np.arange(1, count)
     sums = np.cumsum(edges)
     gap = (sums[:-1] / below - (sums[-1] - sums[:-1]) / (count - below)) ** 2
@@ -48,6 +51,17 @@ def find_quiet_sections(data: Array, window: int) -> Indices:
     runs = change.reshape(-1, 2)
     runs = runs[runs[:, 1] - runs[:, 0] >= 4]
     return runs * block
+
+
+def _changing(level: Array) -> Array:
+    """Return levels without the rest of a stay, so that a long rest on a table forms no class."""
+    kept: list[float] = []
+    first, stay = np.inf, 0
+    for one in level.tolist():
+        first, stay = (first, stay + 1) if abs(one - first) < _SAME_LEVEL else (one, 0)
+        if stay < _MOST_BLOCKS:
+            kept.append(one)
+    return np.array(kept)
 
 
 def rest_means(sections: Indices, force: Array, rate: Array | None) -> QuietMeans:

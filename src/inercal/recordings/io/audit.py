@@ -75,6 +75,7 @@ NonfinitePolicy = Literal["refuse", "drop"]
 
 _OTHER_UNIT = 100.0  # median steps; units of time differ by a factor of 1000
 _OFTEN_FAR = 0.1  # share of the samples
+_OFTEN_REPEATED = 0.9  # share of the samples after which the next message comes
 _LOST = 0.01  # lost share of the recording, above which gaps are a warning
 # A recording has bursts if at least this share of its time steps is long and the mean step is at
 # least so many median steps. Over so many bursts, the samples must follow their mean rate.
@@ -276,8 +277,9 @@ def gap_findings(recording: Recording, gaps: Indices | None = None) -> list[Find
     else:
         between = recording.labels[found[:, 0]] != recording.labels[found[:, 1]]
     findings: list[Finding] = []
+    own_times = any(one.what == "sections" for one in recording.findings)
     for some, place in ((found[~between], ""), (found[between], " between labelled sections")):
-        if not len(some):
+        if not len(some) or (place and own_times):
             continue
         lost = recording.time[some[:, 1]] - recording.time[some[:, 0]] - recording.median_step
         k = int(np.argmax(lost))
@@ -300,6 +302,16 @@ def _mixed_unit_finding(recording: Recording) -> Finding | None:
     if np.count_nonzero(far) < _OFTEN_FAR * recording.time.size:
         return None
     start, stop = (int(k) for k in found[np.argmax(far)])
+    if start:  # many rows may fill the memory
+        second = found[far, 0][:_COPIED]
+        repeated = (recording.data[second] == recording.data[second - 1]).all(axis=1)
+        if repeated.mean() > _OFTEN_REPEATED:
+            text = (
+                f"rows come in pairs with the same readings, {median:.3g} s apart, the first at "
+                f"sample {start - 1} ({recording.time[start - 1]:.6g} s): each message was sent "
+                "or recorded twice; remove the second row of each pair"
+            )
+            return Finding("refused", "repeated", text, None, start - 1, start + 1)
     text = (
         f"time continues in steps of {np.median(steps[far]):.3g} s instead of {median:.3g} s "
         f"after sample {start} ({recording.time[start]:.6g} s): part of the column of times is "

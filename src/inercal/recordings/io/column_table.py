@@ -43,7 +43,10 @@ def line_of_row(row: int, first_line: int, breaks: LineBreaks) -> int | None:
 Column = Array | NDArray[np.int64] | NDArray[np.str_]
 _LOCAL_DATE = re.compile(r"\s*\d{1,2}([./-])\d{1,2}\1\d{2,4}\b")  # 23.11.2026
 DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-MIXED_MARKS = "write only decimal points or only decimal commas, and no separator of thousands"
+MIXED_MARKS = (
+    "write only decimal points, or only decimal commas with semicolons between the columns, and no "
+    "separator of thousands"
+)
 _MAX_LISTED_NAMES = 12  # names in a message before it ends in "…"
 MOST_COLUMNS = 1000  # a table with more is transposed, or junk that happens to parse
 LONGEST_LABEL = 200  # characters; a text column contains one word per sample, not prose

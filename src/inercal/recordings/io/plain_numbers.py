@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.errors import InputError
 from inercal.recordings.io.column_table import Array, file_head, label_array, shorten
-from inercal.recordings.io.text_layout import TextLayout
+from inercal.recordings.io.text_layout import COMMENTS, TextLayout
 
 BLOCK_BYTES = 1 << 22  # bytes
 LONGEST_LINE = 1_000_000  # bytes
@@ -278,7 +278,7 @@ class _PlainBytes(RawIOBase):
         self._header = b"".join(islice(file, self._lines))
         if b"\r" in self._header.replace(b"\r\n", b""):
             raise _NotPlainError  # a lone carriage return may end a line
-        suspect = b'"(\0\r\n' + layout.comment.encode()
+        suspect = b'"(\0\r\n' + COMMENTS.encode()
         numbers = _NUMBER_BYTES + (layout.delimiter or "").encode()
         self._plain = bytes(range(256)).translate(None, suspect) if words else numbers
 

@@ -8,6 +8,7 @@ is possible, so the check only warns.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from math import degrees, radians, sqrt
 
 import numpy as np
@@ -27,6 +28,7 @@ _WINDOW_S = 0.5
 _QUIETEST = 0.1  # share of all windows
 _POSSIBLE = (0.5, 2.0)  # of gravity; outside this range the unit is wrong, not the sensor
 _USUAL = (0.9, 1.1)
+_WHOLE = 0.1  # share of whole numbers, if readings are counts
 
 UNIT_CONFUSIONS = {
     1 / G0: ("g", "m/s²"),
@@ -113,7 +115,24 @@ def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Rec
     finding = norm_finding(norm, gravity, rest_norm_text(norm, gravity), unit)
     if finding is None:
         return recording
+    if finding.severity == "refused" and (cause := _thousands(recording, columns)):
+        finding = replace(finding, message=f"{rest_norm_text(norm, gravity)}: {cause}")
     return recording.with_findings((*recording.findings, finding))
+
+
+def _thousands(recording: Recording, columns: Sequence[int]) -> str:
+    """Return a text if 8.5 beside 850 seems to be 8500; an empty one otherwise."""
+    read = recording.data[:BLOCK_ROWS, columns]
+    whole, size = read == np.rint(read), np.abs(read)
+    if whole.all() or np.mean(whole) < _WHOLE or size.max() >= 1000 or size[~whole].min() < 1:
+        return ""
+    if not np.allclose(1000 * read, np.rint(1000 * read), atol=1e-6):
+        return ""
+    example = float(read[~whole][0])
+    return (
+        f"some readings are whole numbers and others have three decimals, such as {example:.3f}: "
+        f"if this means {1000 * example:.0f}, with a point for thousands, export without separators"
+    )
 
 
 def rest_mean_finding(means: Array, sensor: Sensor, gravity: float) -> Finding | None:

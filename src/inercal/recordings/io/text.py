@@ -35,6 +35,7 @@ from inercal.recordings.io.text_layout import (
     column_count_text,
     refuse_sheet_error,
     sniff,
+    uncommented,
 )
 
 _SPARE_ROWS = 1.25  # because lines may be shorter below those from which the rows are estimated
@@ -48,7 +49,7 @@ def read_text(path: Path, wanted: ReadRequest, skip: int = 0) -> Table:
     Parameters
     ----------
     path : Path
-        UTF-8 text with any line ends, comments after # or %, with or without a header.
+        UTF-8 text with any line ends, comments with # or %, with or without a header.
     wanted : ReadRequest
     skip : int
         Number of lines to skip at the beginning.
@@ -143,7 +144,7 @@ def _parsed(
         lines,
         dtype=dtype,
         delimiter=layout.delimiter,
-        comments=layout.comment,
+        comments=None,
         quotechar='"' if layout.quoted or quoted else None,
         ndmin=1,
         **options,
@@ -206,6 +207,7 @@ def _lines(file: Iterator[str], layout: TextLayout, fill: set[int]) -> Iterator[
     lines = islice(file, layout.first_line - 1, None)
     if (form := layout.form) is not None:
         lines = map(form.plain, lines)
+    lines = map(uncommented, lines)
     if layout.decimal_comma:
         lines = (line.replace(",", ".") for line in lines)
     separator = layout.delimiter
@@ -246,8 +248,6 @@ def _check_cells(
         for number, line in numbered:
             if not layout.content(line):
                 continue
-            if "#" in line:
-                refuse_sheet_error(line, layout.delimiter, number, path.name)
             cells = layout.cells(line)
             if len(cells) != expected:
                 truncated = number == last_line and len(cells) < expected
@@ -281,13 +281,15 @@ def _line_breaks(path: Path, layout: TextLayout, rows: int) -> LineBreaks:
     Raises
     ------
     InputError
-        A quotation mark is not closed, which joins several lines to one row.
+        A row begins with a spreadsheet error, or a quotation mark is not closed, which joins
+        several lines to one row.
     """
     breaks: list[tuple[int, int]] = []
     row, before = 0, -1
     with path.open(encoding="utf-8-sig") as file:
         for number, line in islice(enumerate(file, 1), layout.first_line - 1, None):
             if not layout.content(line):
+                refuse_sheet_error(line, layout, number, path.name)
                 continue
             if number != before + 1 and len(breaks) <= _MOST_BREAKS:
                 breaks.append((row, number))

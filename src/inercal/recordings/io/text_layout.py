@@ -21,9 +21,12 @@ from inercal.recordings.io.column_table import DECIMAL_COMMA, refuse_too_many_co
 from inercal.recordings.io.table_start import LineForm, find_line_form, is_number, table_start
 
 COMMENTS = "#%"
+# At the end of a row, white space is on both sides, so 1.#QNAN, #NV and "25 %" are no comments.
+_COMMENT = re.compile(rf'^ *[{COMMENTS}].*|(?<![\s,;|])\s+[{COMMENTS}] [^",;|\t]*$')
 _SNIFFED_LINES = 150  # that are examined; enough for a preamble, and to contain a decimal comma
 _SEPARATOR_LINE = re.compile(r"\"?sep=(.)\"?", re.IGNORECASE)
-_SHEET_ERROR = re.compile(r"#(?:DIV/0!|N/A|VALUE!|REF!|NAME\?|NUM!|NULL!)")
+# Spreadsheets in any language write #WERT! or #NV, and C programs under Windows 1.#QNAN.
+_NO_NUMBER = re.compile(r"#(?:\S*[!?]|[NН](?:V|/\S))|[-+]?1[.,]#\w+")
 _DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d*([eE][-+]?\d+)?")
 
 
@@ -45,10 +48,8 @@ class TextLayout:
         Separator of the columns; None for white space.
     decimal_comma : bool
         Whether 1,5 is a number.
-    comment : str
-        The character that starts a comment.
     text_columns : frozenset of int
-        Columns whose first entry is a word.
+        Columns whose first entry is a word, not an error value such as #N/A.
     quoted : bool
         Whether quotation marks protect entries.
     form : LineForm or None
@@ -61,7 +62,6 @@ class TextLayout:
     first_line: int
     delimiter: str | None
     decimal_comma: bool
-    comment: str
     text_columns: frozenset[int]
     quoted: bool
     form: LineForm | None = None
@@ -70,7 +70,7 @@ class TextLayout:
         """Return a line without its comment and surrounding white space."""
         kept = " \r\n" if self.delimiter == "\t" else None
         line = line if self.form is None else self.form.plain(line)
-        return _uncommented(line, self.comment).strip(kept)
+        return uncommented(line).strip(kept)
 
     def cells(self, line: str) -> list[str]:
         """Return the entries of a line."""
@@ -88,11 +88,10 @@ class TextLayout:
 
 
 class _Row(NamedTuple):
-    """A data line: its number, its text without comment, and the unchanged line."""
+    """A data line: its number, and its text without comment."""
 
     line: int
     text: str
-    raw: str
 
 
 def sniff(path: Path, skip: int = 0) -> TextLayout:
@@ -119,14 +118,14 @@ def sniff_lines(lines: Iterable[str], name: str, skip: int = 0) -> TextLayout:
         There is no line of data, or the first line has more or fewer columns than the header.
     """
     heading, rows, separator = _first_lines(lines, name, skip)
-    if (form := find_line_form([row.raw for row in rows])) is not None:
+    if (form := find_line_form([row.text for row in rows])) is not None:
         heading, rows, separator = _without_words(heading, rows, separator, form)
     rows, delimiter, table = _split(rows, separator, name)
     if (start := table_start(table)) != (0, 0):
         kept = [start.header, *range(max(start.data, start.header + 1), len(rows))]
         heading = heading if start.header == 0 else []
         rows, table = [rows[k] for k in kept], [table[k] for k in kept]
-    sample, title = rows[min(1, len(rows) - 1)].text, rows[0].raw
+    sample, title = rows[min(1, len(rows) - 1)].text, rows[0].text
     decimal_comma = delimiter in (";", "\t") and _has_decimal_comma(table)
 
     def marks(row: list[str]) -> list[bool]:
@@ -146,7 +145,6 @@ def sniff_lines(lines: Iterable[str], name: str, skip: int = 0) -> TextLayout:
         else _names_in_comment(heading, delimiter, len(first))
     )
     if headed and len(names) != len(first):
-        refuse_sheet_error(rows[1].raw, delimiter, first_line, name)
         raise InputError(
             f"{name} line {first_line}: {column_count_text(len(first))} where the header has "
             f"{len(names)}; {_count_advice(first, len(names), delimiter)}",
@@ -160,11 +158,10 @@ def sniff_lines(lines: Iterable[str], name: str, skip: int = 0) -> TextLayout:
         first_line=first_line,
         delimiter=delimiter,
         decimal_comma=decimal_comma,
-        comment=_comment(heading),
         text_columns=frozenset(
             k
             for k, (c, number) in enumerate(zip(first, marks(first), strict=True))
-            if c and not number
+            if c and not number and not _NO_NUMBER.fullmatch(c)
         ),
         quoted='"' in sample,
         form=form,
@@ -175,17 +172,17 @@ def _without_words(
     heading: list[str], rows: list[_Row], separator: str | None, form: LineForm
 ) -> tuple[list[str], list[_Row], str | None]:
     """Return the comments, rows and separator of lines without the words between their numbers."""
-    plain = [_Row(row.line, form.plain(row.text), form.without_arrival(row.raw)) for row in rows]
+    plain = [_Row(row.line, form.plain(row.text)) for row in rows]
     if not form.labels:
-        return heading, [row for row in plain if row.text.strip()], separator
+        return heading, [row for row in plain if uncommented(row.text).strip()], separator
     first = next(k for k, row in enumerate(plain) if row.text != form.without_arrival(rows[k].text))
     names = form.names
     if not names and first:
-        names = re.split(r"[\s,;]+", plain[first - 1].raw.strip())
+        names = re.split(r"[\s,;]+", plain[first - 1].text.strip())
     count = sum(number for _, number in form.labels)
     titled = len(names) == count and not any(map(is_number, names))
     # Names from the rows themselves are in no line above them.
-    title = [_Row(plain[first].line - 1, ",".join(names), ",".join(names))] if titled else []
+    title = [_Row(plain[first].line - 1, ",".join(names))] if titled else []
     return heading, title + plain[first:], ","
 
 
@@ -201,11 +198,7 @@ def _is_header(first: list[str], numbers: list[bool], numbers_below: list[bool])
 def _first_lines(
     lines: Iterable[str], name: str, skip: int
 ) -> tuple[list[str], list[_Row], str | None]:
-    """Return the comments above the data, the first lines below them, and a stated separator.
-
-    Comments are removed from the text of the lines. A header may contain a #, so the raw lines are
-    also kept.
-    """
+    """Return the comments above the data, the first lines below them, and a stated separator."""
     heading: list[str] = []
     rows: list[_Row] = []
     separator = None
@@ -216,15 +209,12 @@ def _first_lines(
             separator = stated[1]
         elif line.startswith("//"):
             continue
-        elif line[0] in COMMENTS:
-            heading.append(line)
-        else:
-            rows.append(_Row(number, _uncommented(line, _comment(heading)), line))
+        elif text := uncommented(line):
+            rows.append(_Row(number, text))
             break
-    comment = _comment(heading)
-    data = (
-        _Row(k, _uncommented(line, comment), line) for k, line in content if line[0] not in COMMENTS
-    )
+        else:
+            heading.append(line)
+    data = (_Row(k, text) for k, line in content if (text := uncommented(line)))
     rows.extend(islice(data, _SNIFFED_LINES))
     if not rows:
         what = f"no line after the first {skip}" if skip else "only comments and no data"
@@ -269,32 +259,27 @@ def _count_advice(first: list[str], names: int, delimiter: str | None) -> str:
     )
 
 
-def refuse_sheet_error(line: str, delimiter: str | None, number: int, source: str) -> None:
-    """Refuse a line with a spreadsheet error, such as "#DIV/0!".
-
-    The # would otherwise begin a comment.
+def refuse_sheet_error(line: str, layout: TextLayout, number: int, source: str) -> None:
+    """Refuse a row that begins with a spreadsheet error, such as "#N/A", and is no comment.
 
     Raises
     ------
     InputError
-        The line contains an error value; the message names the column by its number.
+        The line has a number, and as many entries as there are columns.
     """
-    for k, cell in enumerate(split_cells(line.strip(), delimiter), 1):
-        if _SHEET_ERROR.fullmatch(cell):
-            raise InputError(
-                f"{source} line {number}, column {k}: {cell!r} is a spreadsheet error; "
-                "correct its formula, or remove the line",
-                line=number,
-            )
+    cells = split_cells(line.strip(), layout.delimiter)
+    row = len(cells) == len(layout.names) and any(map(layout.is_number, cells))
+    if row and _NO_NUMBER.fullmatch(cells[0]):
+        raise InputError(
+            f"{source} line {number}, column {layout.names[0]!r}: {cells[0]!r} is a spreadsheet "
+            "error; correct its formula, or remove the line",
+            line=number,
+        )
 
 
-def _uncommented(line: str, comment: str) -> str:
-    # In a line with quotation marks, a # is more likely part of a label.
-    return line if '"' in line else line.partition(comment)[0]
-
-
-def _comment(heading: list[str]) -> str:
-    return heading[-1][0] if heading else "#"
+def uncommented(line: str) -> str:
+    """Return a line without its comment."""
+    return _COMMENT.sub("", line) if "#" in line or "%" in line else line
 
 
 def split_cells(text: str, delimiter: str | None) -> list[str]:
