@@ -126,7 +126,7 @@ def calibrate(
             entered = format_count(content["entered"], "calibration is", "calibrations are")
             print(f"{entered} in {content['register']}")
         print(f"wrote {folder}")
-    exit_if(without or found.unreliable)
+    exit_if(without or found.unreliable or found.same_recording)
 
 
 @app.command()
