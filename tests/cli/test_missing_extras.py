@@ -108,7 +108,7 @@ print(json.dumps(ended))
 
 def verbs(command: Any, path: str = "") -> Iterator[str]:
     """Yield the names of all verbs below a command."""
-    groups = getattr(command, "commands", None)
+    groups: Any = getattr(command, "commands", None)
     if groups is None:
         yield path.strip()
     for name in groups or ():

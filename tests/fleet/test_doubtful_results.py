@@ -158,3 +158,19 @@ def test_the_reason_of_a_failure_names_the_whole_path_and_the_column(tmp_path: P
     run_program("fleet", "calibrate", folder)
     (one,) = json.loads(run_program("fleet", "status", folder, "--json").output)["reasons"]
     assert one["reason"].startswith("day/1/S000.npz: az (column z)")
+
+
+def test_a_cut_label_is_a_reservation_and_reasons_beyond_ten_have_a_place(tmp_path: Path):
+    folder = make_line(tmp_path, 1)
+    columns, _ = readings(0)
+    columns["face"][-1] = "z_"
+    np.savez(folder / "recordings/S000.npz", allow_pickle=False, **columns)
+    names = [f"N{k}" for k in range(12)]
+    for k, name in enumerate(names):  # the columns have other lengths in each file
+        changed = columns | {"t": columns["t"][k + 1 :]}
+        np.savez(folder / f"recordings/{name}.npz", allow_pickle=False, **changed)
+    write_table(folder, [(name, f"recordings/{name}.npz") for name in ("S000", *names)])
+    lines = run_program("fleet", "calibrate", folder).output.splitlines()
+    assert any("S000: usable with reservations: the section 'z_' is not used" in x for x in lines)
+    assert any("reasons for missing results; inercal fleet status --json lists all" in x
+               for x in lines)  # fmt: skip

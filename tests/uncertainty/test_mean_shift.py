@@ -1,5 +1,7 @@
 """The test for one change of a mean: its false alarms, its power, and the change that it names."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -25,7 +27,7 @@ def test_one_place_gives_the_two_sample_t_test():
     rng = np.random.default_rng(1)
     values = rng.normal(size=(DAYS, 1)) + 8.0 * (np.arange(DAYS)[:, None] >= 14)
     found = largest_mean_shift(values, np.ones_like(values))
-    expected = stats.ttest_ind(values[14:, 0], values[:14, 0])
+    expected: Any = stats.ttest_ind(values[14:, 0], values[:14, 0])
     assert (found.column, found.place) == (0, 14)
     assert found.shift == pytest.approx(values[14:].mean() - values[:14].mean())
-    assert found.probability == pytest.approx((DAYS - 1) * float(expected.pvalue))
+    assert found.probability == pytest.approx((DAYS - 1) * expected.pvalue)
