@@ -108,10 +108,10 @@ print(json.dumps(ended))
 
 def verbs(command: Any, path: str = "") -> Iterator[str]:
     """Yield the names of all verbs below a command."""
-    groups: Any = getattr(command, "commands", None)
-    if groups is None:
+    groups: dict[str, Any] = getattr(command, "commands", {})
+    if not groups:
         yield path.strip()
-    for name in groups or ():
+    for name in groups:
         yield from verbs(groups[name], f"{path} {name}")
 
 
