@@ -286,6 +286,21 @@ def test_a_calibration_as_found_is_of_the_same_sensor(laboratory: Laboratory, tm
     assert "SN 0418" in ended.error
 
 
+@pytest.mark.parametrize("row", [0, 1])
+def test_a_changed_covariance_is_compared_with_the_calibration_file(
+    row: int, laboratory: Laboratory, tmp_path: Path
+):
+    root = etree.parse(laboratory.issue().with_suffix(".xml"))
+    cell = next(root.iter("{*}column")).findall("{*}covariance/{*}value")[row]
+    cell.text = repr(1.02 * float(cell.text) + 1e-12)
+    changed = tmp_path / "changed.xml"
+    root.write(changed)
+    ended = run_program("certificate", "verify", changed, "--json")
+    (found,) = (one for one in json.loads(ended.output)["checks"] if one["name"] == "results 1")
+    assert found["passed"] is False
+    assert "covariance differs" in found["text"]
+
+
 @pytest.mark.parametrize("damage", ["attachment", "list", "covariance"])
 def test_results_that_cannot_be_read_are_a_failed_check(
     damage: str, laboratory: Laboratory, tmp_path: Path

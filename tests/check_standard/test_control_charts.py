@@ -38,6 +38,20 @@ def test_a_step_is_found_and_the_bench_is_doubtful_around_it():
     assert not after.holds(f"{day(36)}T12:00:00")
 
 
+def test_a_step_within_the_reference_is_named_and_nothing_is_in_control_yet():
+    rng = np.random.default_rng(2)
+    steady = control_charts(checked_sessions(Laboratory(), 20, rng))
+    assert (steady.in_control, steady.reference_shift) == (None, None)
+    sessions = checked_sessions(Laboratory(), 20, rng, shift=STEP, shifted=(14, 20))
+    found = control_charts(sessions)
+    shift = found.reference_shift
+    assert shift is not None
+    assert (shift.name, shift.since[:10], shift.until[:10]) == ("ax.k0", day(13), day(14))
+    assert shift.shift == pytest.approx(400 * MICRO, rel=0.2)
+    assert control_charts_object(found)["in_control"] is None
+    assert "ax.k0 changed by 37.8 µg (5.9 σ" in control_lines(found)[1]
+
+
 @pytest.mark.slow
 def test_of_a_steady_bench_few_days_signal(seed: int):
     """370 days to a false signal of all charts, at least: of 8 × 40 days less than one."""

@@ -138,6 +138,7 @@ def test_six_faces_have_any_name_or_none(names: str, offset: float, tmp_path: Pa
         *(("+x up", "x"), ("x up", "x"), ("-y", "-y"), ("−Z", "-z"), ("y-", "-y"), ("x_a", "-x")),
         *(("z neg", "-z"), ("negative x", "-x"), ("y down", "-y"), ("z axis up", "z")),
         ("up", None),
+        ("z_", None),
     ],
 )
 def test_faces_are_read_as_people_name_them(text: str, face: str | None):

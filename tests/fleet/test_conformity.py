@@ -1,5 +1,4 @@
 import csv
-import shutil
 from pathlib import Path
 
 import pytest
@@ -31,8 +30,10 @@ def folder(tmp_path: Path) -> Path:
         writer = csv.writer(file)
         writer.writerow(["id", "recording", "limit"])
         writer.writerows((name, f"{name}.csv", limit) for name, limit in CASES.items())
-    for name in CASES:
-        shutil.copy(MEANS, tmp_path / f"{name}.csv")
+    text = MEANS.read_text(encoding="utf-8")
+    for k, name in enumerate(CASES):  # sensors with equal readings would not be judged
+        changed = text.replace("x_p,1.00545", f"x_p,1.0054{5 + k}")
+        (tmp_path / f"{name}.csv").write_text(changed, encoding="utf-8")
     return tmp_path
 
 
@@ -48,6 +49,8 @@ def test_rows_and_status_hold_the_conformity(folder: Path):
         "far": "fail",
     }
     found = line_status(line)
+    assert found.as_object()["beyond"] == {"beyond": ["az.k0"], "far": ["ay.k0", "az.k0"]}
+    assert "far: fail by [specification]: ay.k0, az.k0" in found.attention_lines()
     assert found.as_object()["conformity"] == dict.fromkeys(
         ("pass", "conditional pass", "conditional fail", "fail"), 1
     )

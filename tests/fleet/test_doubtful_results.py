@@ -51,9 +51,11 @@ def test_the_export_of_one_unreliable_sensor_warns(line: Path, tmp_path: Path):
         assert (ended.status, "S001" in ended.error) == (0, name == "S001")
     run_program("fleet", "export", line, tmp_path / "table.csv")
     with (tmp_path / "table.csv").open(encoding="utf-8", newline="") as file:
-        rows = {row["id"]: (row["conformity"], row["verdict"]) for row in csv.DictReader(file)}
-    assert [one for one, _ in rows.values()] == ["pass", "", "pass", "pass"]
-    assert "z accelerometer" in rows["S001"][1]
+        rows = {row["id"]: row for row in csv.DictReader(file)}
+    assert [row["conformity"] for row in rows.values()] == ["pass", "", "", ""]
+    assert "z accelerometer" in rows["S001"]["verdict"]
+    assert rows["S002"]["error"] == "calibrated from the same readings as S003"
+    assert rows["S003"]["error"] == "calibrated from the same readings as S002"
 
 
 def test_copies_with_other_times_and_cut_ends_are_found(tmp_path: Path):
@@ -156,3 +158,19 @@ def test_the_reason_of_a_failure_names_the_whole_path_and_the_column(tmp_path: P
     run_program("fleet", "calibrate", folder)
     (one,) = json.loads(run_program("fleet", "status", folder, "--json").output)["reasons"]
     assert one["reason"].startswith("day/1/S000.npz: az (column z)")
+
+
+def test_a_cut_label_is_a_reservation_and_reasons_beyond_ten_have_a_place(tmp_path: Path):
+    folder = make_line(tmp_path, 1)
+    columns, _ = readings(0)
+    columns["face"][-1] = "z_"
+    np.savez(folder / "recordings/S000.npz", allow_pickle=False, **columns)
+    names = [f"N{k}" for k in range(12)]
+    for k, name in enumerate(names):  # the columns have other lengths in each file
+        changed = columns | {"t": columns["t"][k + 1 :]}
+        np.savez(folder / f"recordings/{name}.npz", allow_pickle=False, **changed)
+    write_table(folder, [(name, f"recordings/{name}.npz") for name in ("S000", *names)])
+    lines = run_program("fleet", "calibrate", folder).output.splitlines()
+    assert any("S000: usable with reservations: the section 'z_' is not used" in x for x in lines)
+    assert any("reasons for missing results; inercal fleet status --json lists all" in x
+               for x in lines)  # fmt: skip

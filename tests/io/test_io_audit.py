@@ -290,6 +290,9 @@ def test_points_for_thousands_are_named():
         ("LSB", 1 / G0, ["9.81 times too large", "per m/s² instead of per g"]),
         ("LSB", G0, ["9.81 times too small", "per g instead of per m/s²"]),
         ("g", G0, ['unit = "m/s²"']),
+        ("mm/s²", 1e-3 / G0, ['unit = "g"']),
+        ("mm/s²", 1e-3, ['unit = "m/s²"']),
+        ("mm/s²", 30.0, ["check the units"]),
         ("g", 0.01, ["units"]),  # mg would need columns that are declared as m/s²
     ],
 )

@@ -6,6 +6,7 @@ Programs can read the same information from the attributes of the error.
 """
 
 import copy
+import re
 from collections.abc import Generator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -173,3 +174,19 @@ def require_extra(extra: str, what: str, packages: tuple[str, ...]) -> Generator
         if (error.name or "").partition(".")[0] not in packages:
             raise
         raise MissingExtra(f"{what}: pip install 'inercal[{extra}]'", names=(extra,)) from error
+
+
+def missing_extra(error: ImportError) -> MissingExtra | None:
+    """Return the error that names the extra of a package that cannot be imported.
+
+    Return None if no extra contains the package. The extras come from the metadata of inercal.
+    """
+    from importlib.metadata import requires  # most programs need no metadata
+
+    package = (error.name or "-").partition(".")[0]
+    for requirement in requires("inercal") or ():
+        found = re.match(r"([\w-]+).*extra == ['\"](\w+)['\"]", requirement)
+        if found and package in (name := found[1].lower(), name.removeprefix("py")):
+            what = f"{name} is not installed: pip install 'inercal[{found[2]}]'"
+            return MissingExtra(what, names=(found[2],))
+    return None

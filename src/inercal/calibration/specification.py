@@ -196,6 +196,11 @@ class Conformity:
         return RESULTS[max(RESULTS.index(one.result) for one in self.limits)]
 
     @property
+    def beyond(self) -> tuple[str, ...]:
+        """Names of the coefficients that are beyond their limits."""
+        return tuple(one.name for one in self.limits if one.result.endswith("fail"))
+
+    @property
     def accepted(self) -> bool:
         """Whether every coefficient is within its limits by at least the guard band."""
         return self.result == "pass"

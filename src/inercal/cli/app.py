@@ -21,7 +21,7 @@ from typer.exceptions import TyperException
 from typer.main import get_group
 
 from inercal.basics.atomic_files import written_files
-from inercal.basics.errors import InercalError
+from inercal.basics.errors import InercalError, missing_extra
 from inercal.basics.visible_text import visible_text
 from inercal.cli.options import flag
 
@@ -204,8 +204,11 @@ def _run() -> int:
             text = " ".join(f"{text} {_missing_help(error, text)}".split())
             print(f"inercal: {visible_text(text)} (see --help)", file=sys.stderr)
         return error.exit_code
-    except InercalError as error:
-        print(f"inercal: {error}", file=sys.stderr)
+    except (InercalError, ImportError) as error:
+        shown = missing_extra(error) if isinstance(error, ImportError) else error
+        if shown is None:
+            raise
+        print(f"inercal: {shown}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("inercal: stopped", file=sys.stderr)

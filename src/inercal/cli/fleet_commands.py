@@ -126,7 +126,7 @@ def calibrate(
             entered = format_count(content["entered"], "calibration is", "calibrations are")
             print(f"{entered} in {content['register']}")
         print(f"wrote {folder}")
-    exit_if(without or found.unreliable)
+    exit_if(without or found.unreliable or found.same_recording)
 
 
 @app.command()
@@ -155,9 +155,11 @@ def status(line: _Line, out: _Out = None, json: Json = False) -> None:
 @app.command()
 def report(
     line: _Line,
-    page: Path | None = out_option("The page (default: report.html in the line's folder)."),
+    page: Path | None = out_option(
+        "The page (default: report.html in the line's folder, which is renewed)."
+    ),
     out: _Out = None,
-    force: Force = False,
+    force: bool = flag("--force", "Also overwrite a file that is not a page of inercal."),
     json: bool = flag("--json", "Print one JSON object; write a page only with --out."),
 ) -> None:
     """Compare the sensors of a line: distributions, lots, outliers, drift, stations and yield."""

@@ -242,6 +242,7 @@ def _columns(outcome: "Outcome") -> tuple[dict[str, Any], str]:
         "grade": outcome.verdict.grade,
         "verdict": "\n".join(outcome.verdict.lines),
         "conformity": None if judged is None else judged.result,
+        "beyond": None if judged is None else " ".join(judged.beyond),
         "chi2": float(estimate.chi2),
         "dof": float(estimate.dof),
         "birge": float(estimate.birge),

@@ -4,7 +4,6 @@ import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,10 +16,11 @@ from inercal.estimation.uncertainty import COVERAGE
 from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_results, latest_rows_by_part
 from inercal.fleet.line import RECORDING, Line, SensorRow
+from inercal.fleet.status import same_recordings, shared_with
 
 COLUMNS = (
     "id", "recording", "lot", "station", "measured", "status", "error", "grade", "verdict",
-    "conformity", "chi2", "dof", "recording_sha256", OUTDATED,
+    "conformity", "beyond", "chi2", "dof", "recording_sha256", OUTDATED,
 )  # fmt: skip
 SUFFIXES = (".csv", ".parquet")
 
@@ -29,6 +29,7 @@ def export_table(line: Line, folder: Path, path: Path) -> dict[str, str]:
     """Write the results of a line as a CSV or Parquet table.
 
     Return, by sensor, the reason why its result is outdated; empty if the result is not outdated.
+    Sensors that were calibrated from the same readings get an `error` and no `conformity`.
 
     Parameters
     ----------
@@ -46,11 +47,16 @@ def export_table(line: Line, folder: Path, path: Path) -> dict[str, str]:
     """
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: the suffix must be {' or '.join(SUFFIXES)}", file=path)
-    columns = (*COLUMNS, "coefficients", "value", "std")
+    columns = (*COLUMNS, "coefficients", "value", "std", "readings")
     by_id = {row.id: row for row in line.rows}
     rows = latest_results(line, folder, columns).to_pylist()
     if not rows:
         raise InputError(f"{folder} contains no results; calibrate the line first", file=folder)
+    shared = shared_with(same_recordings(line, rows))
+    for row in rows:
+        if others := shared.get(row["id"]):
+            what = f"calibrated from the same readings as {others}"
+            row |= {"error": what, "conformity": None, "beyond": None}
     # The units of a set of coefficients come from one sensor with this set.
     sets = {row["coefficients"]: by_id[row["id"]] for row in rows if row["coefficients"]}
     units: dict[str, tuple[str, float]] = {}
@@ -66,8 +72,8 @@ def export_table(line: Line, folder: Path, path: Path) -> dict[str, str]:
                 writer.writerow(map(_cell, table[0]))
                 writer.writerows(map(_cell, row.values()) for row in table)
         else:
-            arrow: Any = import_module("pyarrow")
-            parquet: Any = import_module("pyarrow.parquet")
+            arrow: Any = results.arrow()
+            parquet: Any = results.arrow("pyarrow.parquet")
             parquet.write_table(arrow.Table.from_pylist(table), temporary)
     return {row["id"]: row[OUTDATED] for row in rows}
 

@@ -9,14 +9,13 @@ the reason.
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inercal.calibration.files import OUTDATED, parse
 from inercal.fleet.inputs import COMPARED, SensorInputs, line_inputs, result_difference
 from inercal.fleet.line import Line
-from inercal.fleet.results import DONE, Table, part_paths, read_part, schema
+from inercal.fleet.results import DONE, Table, arrow, part_paths, read_part, schema
 
 if TYPE_CHECKING:  # only `enter_results` needs a register
     from inercal.laboratory.store import Register
@@ -52,7 +51,7 @@ def latest_results(
     InputError
         A part is damaged.
     """
-    pa: Any = import_module("pyarrow")
+    pa: Any = arrow()
     wanted = None if columns is None else (*_COUNTED_BY, *columns)
     tables = [read_part(path, wanted) for path in part_paths(folder)]
     counting = _counting_rows(line, tables, line_inputs(line) if now is None else now)

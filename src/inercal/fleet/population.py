@@ -19,7 +19,7 @@ from inercal.estimation.uncertainty.conformity import RESULTS, DecisionRule
 from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import Line
-from inercal.fleet.status import STATUS_COLUMNS, LineStatus, table_status
+from inercal.fleet.status import STATUS_COLUMNS, LineStatus, shared_with, table_status
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
 Indices = NDArray[np.intp]
@@ -124,9 +124,12 @@ def read_population(line: Line, folder: Path) -> Population:
     place = {row.id: k for k, row in enumerate(line.rows)}
     known = [place.get(name, -1) for name in table["id"].to_pylist()]
     status, sets = table["status"].to_pylist(), table["coefficients"].to_pylist()
+    shared = shared_with(line_status.same_recording)
     done = [
-        k >= 0 and one == results.DONE and grade != "unreliable"
-        for k, one, grade in zip(known, status, table["grade"].to_pylist(), strict=True)
+        k >= 0 and one == results.DONE and grade != "unreliable" and name not in shared
+        for k, one, grade, name in zip(
+            known, status, table["grade"].to_pylist(), table["id"].to_pylist(), strict=True
+        )
     ]
     counted = Counter(one for one, good in zip(sets, done, strict=True) if good)
     if not counted:

@@ -32,22 +32,23 @@ def schema() -> Any:
     """Return the schema of a part.
 
     `status` is "done", "failed" or "lost"; `conformity` is the result of [specification], if
-    there are limits and the calibration can be relied on;
+    there are limits and the calibration can be relied on, and `beyond` contains the names of the
+    coefficients that are beyond their limits, separated by spaces;
     `coefficients` contains names separated by spaces, in the order of `value`, `std` (SI) and of
     the rows of `covariance`, which is the lower triangle row by row; `table` contains the other
     columns of the table of sensors; `calibration` is the calibration file; `arrived` means that the
     recording arrived at a station and may be elsewhere than stated in the table; `readings`
     contains hashes of some readings in each section, which copies of a recording share.
     """
-    pa = _arrow()
+    pa = arrow()
     text, real = pa.string(), pa.float64()
     return pa.schema(
         [
             ("key", text), ("id", text), ("recording", text), ("lot", text), ("station", text),
             ("measured", text), ("table", pa.map_(text, text)), ("status", text), ("error", text),
             ("error_type", text), ("traceback", text), ("method", text), ("estimator", text),
-            ("grade", text), ("verdict", text), ("conformity", text), ("chi2", real),
-            ("dof", real), ("birge", real),
+            ("grade", text), ("verdict", text), ("conformity", text), ("beyond", text),
+            ("chi2", real), ("dof", real), ("birge", real),
             ("coefficients", text), ("value", pa.list_(real)), ("std", pa.list_(real)),
             ("covariance", pa.list_(real)), ("calibration", text), ("recording_sha256", text),
             ("sections_sha256", text), ("inercal", text), ("size", pa.int64()), ("mark", text),
@@ -57,7 +58,8 @@ def schema() -> Any:
     )  # fmt: skip
 
 
-def _arrow(module: str = "pyarrow") -> Any:
+def arrow(module: str = "pyarrow") -> Any:
+    """Return pyarrow or one of its modules; a `MissingExtra` error names the extra."""
     with require_extra("fleet", "results of a fleet need pyarrow", ("pyarrow",)):
         return import_module(module)
 
@@ -103,7 +105,7 @@ class ResultWriter:
         InputError
             The part cannot be written, for example because the disk is full.
         """
-        pa, pq = _arrow(), _arrow("pyarrow.parquet")
+        pa, pq = arrow(), arrow("pyarrow.parquet")
         keys = sha256(" ".join(sorted(row["key"] for row in rows)).encode()).hexdigest()[:24]
         path = self.folder / f"{_PART}{keys}.parquet"
         numbered = [{**row, "generation": self.generation} for row in rows]
@@ -168,7 +170,7 @@ def read_part(path: Path, columns: Sequence[str] | None) -> Table:
     InputError
         The part is damaged.
     """
-    pa, pq = _arrow(), _arrow("pyarrow.parquet")
+    pa, pq = arrow(), arrow("pyarrow.parquet")
     fields = [one for one in schema() if columns is None or one.name in columns]
     try:
         known = set(pq.read_schema(path).names)

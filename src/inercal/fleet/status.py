@@ -1,9 +1,8 @@
 """Report the progress of a line: sensors by status and grade, and why results are missing."""
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from math import comb
 from os.path import relpath
 from pathlib import Path
@@ -22,14 +21,17 @@ from inercal.fleet.line import RECORDING, Line
 from inercal.recordings.io.file_patterns import is_pattern
 
 _NAMES = 1000  # largest number of sensors listed for a reason
-_LINES, _NAMED = 10, 3  # largest number of printed lines of a kind, and of sensors in a line
+_LINES = 10  # largest number of printed lines of a kind
+_NAMED, _SOME = 6, 3  # largest number of names in a line, and how many of more names are listed
 _LEAST_ALIKE = 5  # smallest number of sensors whose U is compared
 _BY_CHANCE = 0.05  # largest probability that sensors chosen at random share a value
 _LARGE, _SCATTER = 3.0, 5.0  # an unusual U: times the median, robust standard deviations of log U
-STATUS_COLUMNS = ("error", "grade", "conformity", "verdict", "coefficients", "std", "readings")
+STATUS_COLUMNS = (
+    "error", "grade", "conformity", "beyond", "verdict", "coefficients", "std", "readings",
+)  # fmt: skip
 """Columns that `table_status` needs in addition to those that decide which result is valid."""
 
-_USED = ("id", "status", "error", "grade", "conformity", "recording", "readings")
+_USED = ("id", "status", "error", "grade", "conformity", "beyond", "recording", "readings")
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class LineStatus:
         first.
     conformity : mapping of str to int
         Number of sensors for each result of [specification], from pass to fail; empty if there are
-        no limits. Unreliable results are not counted.
+        no limits. Unreliable results and those of `same_recording` are not counted.
     outdated : mapping of str to str
         Reasons why a new calibration might give a different result, by sensor id.
     unreliable : mapping of str to str
@@ -56,6 +58,9 @@ class LineStatus:
         The main reason why a result is usable with reservations only, by sensor id.
     failing : mapping of str to str
         The result of [specification] of each sensor that fails it, by sensor id.
+    beyond : mapping of str to str
+        The coefficients beyond their limits of each sensor in `failing`, separated by commas; empty
+        for results of earlier versions.
     large_u : mapping of str to (str, float)
         The coefficient whose U is unusually large and the ratio of this U to the median of the
         line, by sensor id.
@@ -73,6 +78,7 @@ class LineStatus:
     same_recording: Sequence[Sequence[str]]
     reservations: Mapping[str, str]
     failing: Mapping[str, str]
+    beyond: Mapping[str, str]
     large_u: Mapping[str, tuple[str, float]]
     common: Sequence[str] = ()
     unlisted: Sequence[str] = ()
@@ -98,6 +104,7 @@ class LineStatus:
         large = {k: {"coefficient": of, "ratio": r} for k, (of, r) in self.large_u.items()}
         return {
             "reservations": dict(self.reservations), "failing": dict(self.failing),
+            "beyond": {name: of.split(", ") for name, of in self.beyond.items() if of},
             "large_u": large,
             "common": list(self.common), "unlisted": list(self.unlisted),
         }  # fmt: skip
@@ -114,10 +121,11 @@ class LineStatus:
             f"{_some(names)}: usable with reservations: {why}"
             for why, names in _by_value(self.reservations).items()
         ]
-        beyond = [
-            f"{_some(names)}: {result} by [specification]"
-            for result, names in _by_value(self.failing).items()
-        ]
+        failing = {
+            name: f"{result} by [specification]{f': {of}' if (of := self.beyond[name]) else ''}"
+            for name, result in self.failing.items()
+        }
+        beyond = [f"{_some(names)}: {text}" for text, names in _by_value(failing).items()]
         large = [
             f"{name}: U of {of} is {format_number(ratio, 2)} times the median of the line"
             for name, (of, ratio) in self.large_u.items()
@@ -125,7 +133,9 @@ class LineStatus:
         return [
             *_first(failed, "reason for a missing result", "reasons for missing results"),
             *_first(bad, "sensor is not to be relied on", "sensors are not to be relied on"),
-            *beyond,
+            *_first(
+                beyond, "combination of limits is not met", "combinations of limits are not met"
+            ),
             *_first(kept, "reason for reservations", "reasons for reservations"),
             *_first(large, "sensor has a large U", "sensors have a large U"),
             *_first(
@@ -139,7 +149,7 @@ class LineStatus:
 def _some(names: Sequence[str]) -> str:
     """Return the first names of a list, and the number of the others."""
     if len(names) > _NAMED:
-        return f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more"
+        return f"{', '.join(names[:_SOME])} and {len(names) - _SOME} more"
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
@@ -152,8 +162,8 @@ def _by_value(found: Mapping[str, str]) -> dict[str, list[str]]:
 
 def _first(lines: Sequence[str], one: str, several: str) -> list[str]:
     more = len(lines) - _LINES
-    return [*lines[:_LINES], *([f"{format_count(more, f'more {one}', f'more {several}')}"]
-                               if more > 0 else [])]  # fmt: skip
+    others = format_count(more, f"more {one}", f"more {several}")
+    return [*lines[:_LINES], *[f"{others}; inercal fleet status --json lists all"] * (more > 0)]
 
 
 def line_status(line: Line, out: Path | None = None) -> LineStatus:
@@ -171,7 +181,7 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
 
 def table_status(line: Line, table: results.Table) -> LineStatus:
     """Return the status of a line from its valid results (`latest_results`)."""
-    pc: Any = import_module("pyarrow.compute")
+    pc: Any = results.arrow("pyarrow.compute")
     # Verdicts are long texts, so only those of the doubtful results are converted.
     doubtful = table.filter(pc.field("grade") != "consistent")
     why: dict[str, dict[str, str]] = {grade: {} for grade in GRADE_WORDS}
@@ -197,23 +207,27 @@ def table_status(line: Line, table: results.Table) -> LineStatus:
         (exact[names[0]] if len(names) == 1 else reason, names)
         for reason, names in sorted(reasons.items(), key=lambda item: -len(item[1]))
     ]
+    same = same_recordings(line, rows)
+    shared = shared_with(same)
     usable = {
         row["id"]: row["conformity"]
         for row in rows
         if row["status"] == results.DONE and row["grade"] != "unreliable" and row["conformity"]
-    }
+        and row["id"] not in shared
+    }  # fmt: skip
     judged = Counter(usable.values())
     conformity = {result: judged[result] for result in RESULTS if judged[result]}
     shown = {what: n for what, n in counts.items() if n}
     failing = {name: result for name, result in usable.items() if result.endswith("fail")}
+    named = {row["id"]: ", ".join((row["beyond"] or "").split()) for row in rows}
     kinds = {
         "have no result": exact, "are not to be relied on": why["unreliable"],
         "fail [specification]": failing,
     }  # fmt: skip
     return LineStatus(
-        shown, ranked, conformity, outdated, why["unreliable"], _same_recording(line, rows),
-        why["reservations"], failing, _large_u(table),
-        tuple(one for kind, named in kinds.items() for one in _common_values(line, kind, named)),
+        shown, ranked, conformity, outdated, why["unreliable"], same,
+        why["reservations"], failing, {name: named[name] for name in failing}, _large_u(table),
+        tuple(one for kind, of in kinds.items() for one in _common_values(line, kind, of)),
         _unlisted_files(line),
     )  # fmt: skip
 
@@ -244,7 +258,7 @@ def _unlisted_files(line: Line) -> tuple[str, ...]:
 
 def _large_u(table: results.Table) -> dict[str, tuple[str, float]]:
     """Return the sensors whose U is unusually large, compared with that of similar sensors."""
-    pc: Any = import_module("pyarrow.compute")
+    pc: Any = results.arrow("pyarrow.compute")
     done = table.filter((pc.field("status") == results.DONE) & (pc.field("grade") != "unreliable"))
     found: dict[str, tuple[str, float]] = {}
     for names in pc.unique(done["coefficients"]).to_pylist():
@@ -263,7 +277,7 @@ def _large_u(table: results.Table) -> dict[str, tuple[str, float]]:
     return found
 
 
-def _same_recording(line: Line, rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+def same_recordings(line: Line, rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     """Return the sensors that share readings; sensors that share a hash share the list of names."""
     alike: dict[str, list[str]] = {}
     done = {row["id"]: row["readings"] or () for row in rows if row["status"] == results.DONE}
@@ -272,6 +286,13 @@ def _same_recording(line: Line, rows: Sequence[Mapping[str, Any]]) -> list[list[
         names.append(name)
         alike |= {key: alike.get(key, names) for key in done[name]}
     return [names for names in {id(one): one for one in alike.values()}.values() if len(names) > 1]
+
+
+def shared_with(groups: Iterable[Sequence[str]]) -> dict[str, str]:
+    """Return the other sensors with the same readings, separated by commas, by sensor id."""
+    return {
+        name: ", ".join(one for one in names if one != name) for names in groups for name in names
+    }
 
 
 def _common_reason(row: Mapping[str, Any]) -> str:

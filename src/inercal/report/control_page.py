@@ -52,7 +52,7 @@ def charts_page(
     return render(
         template,
         **values,
-        tone="good" if not found.episodes else "care" if found.in_control else "bad",
+        tone=_tone(found),
         summary=summary,
         lines=more,
         doubtful=doubtful,
@@ -61,6 +61,13 @@ def charts_page(
             for one in doubtful or ()
         ],
     )
+
+
+def _tone(found: ControlCharts | BenchCharts) -> str:
+    if found.in_control is False:
+        return "bad"
+    shifted = isinstance(found, ControlCharts) and found.reference_shift is not None
+    return "care" if found.episodes or shifted or not found.points else "good"
 
 
 def _standard(found: ControlCharts) -> dict[str, Any]:

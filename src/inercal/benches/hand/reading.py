@@ -271,12 +271,12 @@ def _unused_label_findings(marks: Sequence[Mark], labels: Sequence[str]) -> tupl
     names = [name for name in dict.fromkeys(mark.label for mark in marks) if name not in labels]
     return tuple(
         Finding(
-            "warning" if any(name.startswith(label) for label in labels) else "note",
+            "warning" if any(n.startswith(m) or m.startswith(n) for m in labels) else "note",
             "label",
-            f"the section {name!r} is not used, because it names no step; a second visit is "
+            f"the section {n!r} is not used, because it names no step; a second visit is "
             'written "x_p (2)"',
         )
-        for name in names
+        for n in names
     )
 
 

@@ -258,6 +258,14 @@ def _agreement(measurement: Any, number: int) -> Check:
     std = np.sqrt(np.diag(stated.covariance))
     if np.any(std < calibration.std * (1 - 1e-9)):
         return Check(name, False, "the covariance is smaller than in the attached calibration file")
+    # A capability of the laboratory increases standard deviations and preserves the correlations.
+    scale = np.divide(std, calibration.std, out=np.ones_like(std), where=calibration.std > 0)
+    off = stated.covariance - calibration.covariance * np.outer(scale, scale)
+    np.fill_diagonal(off, 0.0)
+    if np.any(np.abs(off) > 1e-9 * np.outer(std, std)):
+        return Check(
+            name, False, "the covariance differs from that in the attached calibration file"
+        )
     for k, coefficient in enumerate(calibration.sensor.coefficients):
         si = calibration.sensor.coefficient(coefficient).si
         full = stated.k[k] * std[k] / si
@@ -268,7 +276,10 @@ def _agreement(measurement: Any, number: int) -> Check:
             if abs(float(text) - each) > max(1e-9 * abs(each), 0.051 * both[1]):
                 wrong = f"the value or U stated for {coefficient} is not the rounded result"
                 return Check(name, False, wrong)
-    return Check(name, True, "rounded results, covariance and calibration file agree")
+    larger = [one for one, by in zip(names, scale, strict=True) if by > 1 + 1e-9]
+    more = f"; U of {', '.join(larger)} is larger than in this file, which only a stated capability"
+    more = f"{more} of the laboratory explains" * bool(larger)
+    return Check(name, True, f"rounded results, covariance and calibration file agree{more}")
 
 
 def _registered(content: bytes, stated: StatedCertificate, register: Register) -> Check:

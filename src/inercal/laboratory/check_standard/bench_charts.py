@@ -167,9 +167,10 @@ class BenchCharts:
         return tuple(BenchDay(last[day], found[day]) for day in sorted(found))
 
     @property
-    def in_control(self) -> bool:
-        """Whether the last day is in control; also true if no day follows the reference."""
-        return not self.points or self.points[-1].in_control
+    def in_control(self) -> bool | None:
+        """Whether the last day is in control; None if no day follows the reference."""
+        points = self.points
+        return points[-1].in_control if points else None
 
     @property
     def episodes(self) -> tuple[Episode, ...]:

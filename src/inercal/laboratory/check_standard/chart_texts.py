@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from inercal.basics.documents import attributes, origin, record_object
-from inercal.basics.units import format_count
+from inercal.basics.units import format_count, format_number
 from inercal.calibration.check_standard import SCHEMA
 from inercal.estimation.uncertainty.control_charts import EWMA_WEIGHT, MEWMA_WEIGHT, ChartKind
 from inercal.laboratory.check_standard.bench_charts import BenchCharts
@@ -55,6 +55,14 @@ def control_lines(found: ControlCharts) -> list[str]:
     """Return text lines with the results of the charts; the most serious result comes first."""
     lines = [opening_line([(one.last, one.in_control) for one in found.points])]
     lines += [doubtful_text(one) for one in found.episodes]
+    if (shift := found.reference_shift) is not None:
+        unit = found.matched.sensor.coefficient(shift.name)
+        lines.append(
+            f"the reference is not homogeneous: {shift.name} changed by "
+            f"{format_number(shift.shift / unit.si, 3)} {unit.unit} ({shift.ratio:.2g} σ, p = "
+            f"{shift.probability:.1g}) between {day(shift.since)} and {day(shift.until)}; find the "
+            "cause, or begin the reference after it with --since"
+        )
     lines += [
         f"{label} is an outlier in the reference (p = {p:.1g}); leave it out if you know the cause"
         for label, p in outlier_sessions(found.fit, "bench").items()
@@ -98,7 +106,11 @@ def control_charts_object(found: ControlCharts) -> dict[str, Any]:
         },
         "weights": {"EWMA": EWMA_WEIGHT, "MEWMA": MEWMA_WEIGHT},
         "lasting": limits.lasting_kind,
-        "reference": {"days": found.reference_days, "until": found.reference_end},
+        "reference": {
+            "days": found.reference_days,
+            "until": found.reference_end,
+            "shift": record_object(found.reference_shift),
+        },
         "coefficients": [
             {
                 "name": name,

@@ -24,6 +24,7 @@ from inercal.estimation.uncertainty.control_charts import (
     chart_limits,
     chart_values,
 )
+from inercal.estimation.uncertainty.mean_shift import largest_mean_shift
 from inercal.laboratory.check_standard.day_points import DayPoints, day_points
 from inercal.laboratory.repeatability.session_fit import SessionFit, fit_sessions
 from inercal.laboratory.repeatability.sessions import (
@@ -37,6 +38,7 @@ from inercal.laboratory.repeatability.sessions import (
 REFERENCE_DAYS = 20
 LEAST_DAYS = 5
 RUN_LENGTH = 370.0
+_CHANCE = 0.01  # largest probability that a reference without a change is said to have one
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +94,32 @@ class Episode:
         return self.since < time and (self.until is None or time < self.until)
 
 
+@dataclass(frozen=True)
+class ReferenceShift:
+    """A change of a coefficient within the reference, which chance does not explain.
+
+    Parameters
+    ----------
+    name : str
+        Name of the coefficient.
+    since, until : str
+        Times of the last session before the change and of the first session after it, ISO 8601.
+    shift : float
+        Change of the mean, SI.
+    ratio : float
+        Change divided by the scatter from day to day apart from the change.
+    probability : float
+        Probability of such a change by chance.
+    """
+
+    name: str
+    since: str
+    until: str
+    shift: float
+    ratio: float
+    probability: float
+
+
 @dataclass(frozen=True, eq=False)
 class ControlCharts:
     """The charts of a check standard.
@@ -137,9 +165,37 @@ class ControlCharts:
         return max(self.sessions[k].measured for k in last)
 
     @property
-    def in_control(self) -> bool:
-        """Whether the last day is in control; true if there is no day after the reference."""
-        return not self.points or self.points[-1].in_control
+    def in_control(self) -> bool | None:
+        """Whether the last day is in control; None if there is no day after the reference."""
+        return self.points[-1].in_control if self.points else None
+
+    @property
+    def reference_shift(self) -> ReferenceShift | None:
+        """The largest change of a coefficient within the reference; None if chance explains it.
+
+        Coefficients with an effect that several days share, such as a mounting, are not tested.
+        """
+        m = self.reference_days
+        steps = {k for e in self.fit.effects if e.effect.levels < m for k in e.places}
+        tested = [k for k in range(len(self.names)) if k not in steps]
+        if not tested:
+            return None
+        variance = np.diagonal(self.days.point, axis1=1, axis2=2)[:m, tested]
+        found = largest_mean_shift(self.days.difference[:m, tested], variance)
+        if found.probability > _CHANCE:
+            return None
+        k, last = tested[found.column], self.days.sessions
+        values = self.days.difference[:m, k]
+        parts = values[: found.place], values[found.place :]
+        within = np.sqrt(sum(float(np.sum((one - one.mean()) ** 2)) for one in parts) / (m - 2))
+        return ReferenceShift(
+            self.names[k],
+            max(self.sessions[one].measured for one in last[found.place - 1]),
+            min(self.sessions[one].measured for one in last[found.place]),
+            found.shift * float(self.fit.unit[k]),
+            abs(found.shift) / float(within),
+            found.probability,
+        )
 
     @property
     def episodes(self) -> tuple[Episode, ...]:

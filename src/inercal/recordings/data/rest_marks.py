@@ -40,11 +40,11 @@ def _letters(text: str) -> str:
 def parse_face(text: str) -> str | None:
     """Return the case axis that is up according to a face's name, or None if it names no face.
 
-    >>> [parse_face(one) for one in ("+Z", "z up", "x_down", "-y", "-y up", "x_a", "p1")]
-    ['z', 'z', '-x', '-y', '-y', '-x', None]
+    >>> [parse_face(one) for one in ("+Z", "z up", "x_down", "-y", "-y up", "x_a", "p1", "z_")]
+    ['z', 'z', '-x', '-y', '-y', '-x', None, None]
     """
     found = _FACE.fullmatch(_letters(text))
-    if found is None:
+    if found is None or text.endswith("_"):  # the sign of a cut label is unknown
         return None
     sign = 1
     for word in (found["before"], found["after"], found["end"]):

@@ -14,6 +14,8 @@ from math import degrees, radians, sqrt
 import numpy as np
 
 from inercal.basics.arrays import Array, median_of_rows
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
 from inercal.estimation import Gaussian
 from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.plan import Hold, Position, Step
@@ -67,14 +69,17 @@ def norm_finding(norm: float, expected: float, text: str, unit: str = "SI") -> F
         return None
     if _POSSIBLE[0] <= ratio <= _POSSIBLE[1]:
         return Finding("warning", "units", f"{text}: check the nominal scale")
-    near = (
-        units
-        for r, units in UNIT_CONFUSIONS.items()
-        if 1 / _NEAR < ratio / r < _NEAR and unit in ("SI", units[1])
+    known = ("SI", *(stated for _, stated in UNIT_CONFUSIONS.values()))
+    size = None if unit in known else _acceleration(unit)
+    confusions = (
+        [(r, units) for r, units in UNIT_CONFUSIONS.items() if unit in ("SI", units[1])]
+        if size is None
+        else [(size / si_factor(one), (one, unit)) for one in ("g", "m/s²", "mg")]
     )
-    if unit not in ("SI", *(stated for _, stated in UNIT_CONFUSIONS.values())):
-        size = f"{ratio:.3g} times too small" if ratio > 1 else f"{1 / ratio:.3g} times too large"
-        advice = f"check the scale in [sensor.accelerometer], which is about {size}"
+    near = (units for r, units in confusions if 1 / _NEAR < ratio / r < _NEAR)
+    if size is None and unit not in known:
+        wrong = f"{ratio:.3g} times too small" if ratio > 1 else f"{1 / ratio:.3g} times too large"
+        advice = f"check the scale in [sensor.accelerometer], which is about {wrong}"
         wrong, right = ("g", "m/s²") if ratio > 1 else ("m/s²", "g")
         if 1 / _SAME < max(ratio, 1 / ratio) / G0 < _SAME:
             advice += f"; it may be stated per {wrong} instead of per {right}"
@@ -86,6 +91,14 @@ def norm_finding(norm: float, expected: float, text: str, unit: str = "SI") -> F
             f'[sensor.accelerometer] state unit = "{units[0]}", or a scale per {units[0]}'
         )
     return Finding("refused", "units", f"{text}: {advice}")
+
+
+def _acceleration(unit: str) -> float | None:
+    """Return the SI size of a unit of acceleration; None for other units, such as counts."""
+    try:
+        return si_factor(unit, "m/s²")
+    except InputError:
+        return None
 
 
 def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Recording:

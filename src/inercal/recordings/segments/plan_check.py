@@ -113,8 +113,11 @@ def check_marks(marks: Sequence[Mark], recording: Recording, needed: Sequence[st
     labels = [mark.label for mark in used]
     twice = tuple(sorted({label for label in labels if labels.count(label) > 1}))
     if twice:
+        places = " and ".join(f"{m.start} to {m.stop}" for m in used if m.label == twice[0])
         raise InputError(
-            f"{where}: {', '.join(twice)} is marked twice; mark each section once", names=twice
+            f"{where}: {', '.join(twice)} is marked twice (samples {places}); mark each section "
+            "once",
+            names=twice,
         )
 
 
