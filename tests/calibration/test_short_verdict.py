@@ -6,12 +6,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-from tests.calibration.short_lines import KEY, require_short
+from tests.calibration.short_lines import KEY, require_short, require_toml
 
 from inercal.basics.keys import CoefficientName
 from inercal.basics.parameters import Parameter
-from inercal.basics.run_file_advice import Change
+from inercal.basics.run_file_advice import Advice, Change
 from inercal.calibration import explanation
+from inercal.calibration.best_cause import PlainAdvisor, SuspectedCause, changes_text
 from inercal.calibration.explanation import (
     CHECKS,
     Addition,
@@ -145,6 +146,47 @@ def test_a_cause_is_in_words_with_its_size_what_it_explains_and_what_to_paste():
         for text in re.fullmatch(r"χ² would drop from ([\d. ]+) to ([\d. ]+)\.", drop).groups()  # pyright: ignore[reportOptionalMemberAccess]
     )
     assert (first, second) == (pytest.approx(before, rel=0.01), pytest.approx(after, rel=0.01))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        (Change("method.prior", "gx.scale", "0 ± 4000 ppm"),),
+        (Change("method", "also", ("k2", "ax.kip")), Change("sensor", "form", "tilted")),
+        (Change("bench", "harmonics", ["2 ″", "1 ″"]), Change("bench", "readback", False)),
+    ],
+)
+def test_keys_to_paste_are_toml(changes: tuple[Change, ...]):
+    require_toml(f"set in the run file: {changes_text(changes)}", changes)
+
+
+@pytest.mark.parametrize(("left", "is_cause"), [(30.0, True), (3e4, False), (None, False)])
+def test_a_partial_cause_is_fitted_before_it_is_called_partial(left: float | None, is_cause: bool):
+    # A large effect that is not linear: the single step of the score test leaves too much.
+    found = fitted(1.0, {"ax.k2": "coefficient"}, SENSOR)
+    tests = found.score_tests
+    (score,) = tests.scores
+    scores = (replace(score, chi2=0.6 * tests.chi2),)
+    found = replace(found, score_tests=replace(tests, scores=scores))
+    plain, change = PlainAdvisor((), "row"), Change("method", "also", ("ax.k2",))
+
+    class Tried(PlainAdvisor):
+        def on_cause(self, cause: SuspectedCause) -> Advice:
+            if left is None:  # the fit is refused, or explains less than the step predicts
+                return plain.on_cause(cause)
+            return Advice(cause.name, (change,), chi2=left)
+
+    said = verdict(found, SENSOR, (), possible=("ax.k2",), advisor=Tried(("ax.k2",), "row"))
+    require_short(said)
+    words = "second-order nonlinearity of the x accelerometer (ax.k2)"
+    if is_cause:
+        assert f"Most likely cause: {words}." in said.lines
+        assert said.suspect is not None
+        assert said.suspect.remaining_chi2 == left
+    else:
+        assert any(line.startswith(f"Partial cause: {words}") for line in said.lines)
+    advised = 'Next: set in the run file: [method] also = ["ax.k2"]' in said.lines
+    assert advised == (left is not None)
 
 
 def test_rows_that_cannot_be_told_apart_are_named_together():

@@ -244,6 +244,27 @@ def test_too_few_attitudes_and_turns_are_warned_of():
     assert number_after("have ", found[0].message) == 3
 
 
+@pytest.mark.parametrize("unit", [1.0, 1 / tt.G])
+def test_accelerometers_on_a_vertical_axis_are_checked_by_their_mean(unit: float):
+    rng, time = np.random.default_rng(SEED), np.arange(0, 60, 1 / HZ)
+    rate = np.where(abs(time - 30) < 15, 1.0, 0.0)
+    force = np.array([0.01, 0.0, 1.01]) * tt.G + 0.01 * rng.standard_normal((time.size, 3))
+    rates = rate[:, None] * [0, 0, 1] + 1e-4 * rng.standard_normal((time.size, 3))
+    hold = np.select([time < 14, time > 46], [0, 1], -1)
+    angles = np.cumsum(rate)[:, None] / HZ
+    track = Track(time, np.hstack([force * unit, rates]), angles, hold)
+    gyros = SENSOR.with_coefficients("gz.bias", "gz.scale")
+    bench = replace(BENCH, axes="z")
+    if unit == 1.0:
+        assert check_track("run.toml", track, gyros, bench) == ()  # no accelerometer is calibrated
+        found = check_track("run.toml", track, SENSOR, bench)
+        assert [one.what for one in found] == ["attitudes", "turns"]
+    else:
+        with refused(key="[data] accelerometer") as caught:
+            check_track("run.toml", track, gyros, bench)
+        assert "0.103 times gravity" in str(caught.value)
+
+
 def test_gaps_are_counted_and_long_ones_named():
     track = draw_first_device("paper")
     kept = np.ones(track.time.size, bool)
