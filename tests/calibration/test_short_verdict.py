@@ -28,6 +28,7 @@ from inercal.calibration.grade import assess, grade_estimate
 from inercal.calibration.suspect_text import cause_line
 from inercal.calibration.verdict import _first_line, verdict  # pyright: ignore[reportPrivateUsage]
 from inercal.estimation import Candidate, Estimate, Problem, least_squares
+from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.result import ResidualGroup
 from inercal.estimation.scores import CandidateKind, ModelTest
@@ -160,21 +161,21 @@ def test_keys_to_paste_are_toml(changes: tuple[Change, ...]):
     require_toml(f"set in the run file: {changes_text(changes)}", changes)
 
 
-@pytest.mark.parametrize(("left", "is_cause"), [(30.0, True), (3e4, False), (None, False)])
-def test_a_partial_cause_is_fitted_before_it_is_called_partial(left: float | None, is_cause: bool):
+@pytest.mark.parametrize(("share", "is_cause"), [(1e-8, True), (0.2, False), (None, False)])
+def test_a_partial_cause_is_fitted_before_it_is_called_partial(share: float | None, is_cause: bool):
     # A large effect that is not linear: the single step of the score test leaves too much.
     found = fitted(1.0, {"ax.k2": "coefficient"}, SENSOR)
     tests = found.score_tests
     (score,) = tests.scores
     scores = (replace(score, chi2=0.6 * tests.chi2),)
-    found = replace(found, score_tests=replace(tests, scores=scores))
+    found = replace(found, scoring=LazyValue(lambda: replace(tests, scores=scores)))
     plain, change = PlainAdvisor((), "row"), Change("method", "also", ("ax.k2",))
 
     class Tried(PlainAdvisor):
         def on_cause(self, cause: SuspectedCause) -> Advice:
-            if left is None:  # the fit is refused, or explains less than the step predicts
+            if share is None:  # the fit is refused, or explains less than the step predicts
                 return plain.on_cause(cause)
-            return Advice(cause.name, (change,), chi2=left)
+            return Advice(cause.name, (change,), chi2=share * tests.chi2)
 
     said = verdict(found, SENSOR, (), possible=("ax.k2",), advisor=Tried(("ax.k2",), "row"))
     require_short(said)
@@ -182,11 +183,20 @@ def test_a_partial_cause_is_fitted_before_it_is_called_partial(left: float | Non
     if is_cause:
         assert f"Most likely cause: {words}." in said.lines
         assert said.suspect is not None
-        assert said.suspect.remaining_chi2 == left
+        assert said.suspect.remaining_chi2 == 1e-8 * tests.chi2
     else:
         assert any(line.startswith(f"Partial cause: {words}") for line in said.lines)
     advised = 'Next: set in the run file: [method] also = ["ax.k2"]' in said.lines
-    assert advised == (left is not None)
+    assert advised == (share is not None)
+
+
+def test_a_cause_found_in_the_data_precedes_a_scale_factor_far_from_nominal():
+    far = fitted(0.0, {"r1": "row"}, SENSOR)
+    far = replace(far, value=np.where(np.array(far.names) == "ax.k1", 72.0, far.value))
+    lost = Finding("warning", "slip", "rows are lost", cause="at least 53 samples lost at 51 s")
+    said = verdict(far, SENSOR, (lost,))
+    assert "73 times nominal" in said.lines[0]
+    assert "Most likely cause: at least 53 samples lost at 51 s." in said.lines
 
 
 def test_rows_that_cannot_be_told_apart_are_named_together():

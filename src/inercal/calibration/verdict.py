@@ -145,7 +145,8 @@ def verdict(
         # Otherwise the error cannot occur in this run.
         and (accepted := advisor.accepts_uncertainty(name)) is not False
     }
-    known = next(filter(None, (one.cause or CAUSES.get(one.what) for one in findings)), "")
+    found = next((one.cause for one in findings if one.cause), "")
+    known = found or next(filter(None, (CAUSES.get(one.what) for one in findings)), "")
     steps = [
         *(
             ()
@@ -207,7 +208,7 @@ def verdict(
         why = f"the residuals are {factor} times smaller than noise and bench imply"
         shared = any(one.what == SHARED_TILTS for one in findings)
         word, why = word + ", but U is too large" * (not shared), why + ": state placement" * shared
-    cause = next(iter(far.values()), known)
+    cause = found or next(iter(far.values()), known)
     named = cause_line(assessment, sensor, expected)
     lines = (
         _first_line(word, why),

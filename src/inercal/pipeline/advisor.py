@@ -21,7 +21,13 @@ from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Advice, Change, with_changes
 from inercal.basics.units import Measured, format_value_and_uncertainty, si_factor
 from inercal.benches.key_declarations import declarations
-from inercal.calibration.best_cause import SuspectedCause, action_on, also, changes_text, is_estimable
+from inercal.calibration.best_cause import (
+    SuspectedCause,
+    action_on,
+    also,
+    changes_text,
+    is_estimable,
+)
 from inercal.estimation import Estimate
 from inercal.methods import METHODS
 from inercal.methods.observability import OBSERVABILITY_LIMIT

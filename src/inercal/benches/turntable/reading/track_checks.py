@@ -42,6 +42,8 @@ _TILTED = 0.05  # ratio of the largest spread to the norm needed for that
 _WEIGHT = (0.7, 1.4)  # possible norm at rest in g
 _USUAL = (0.9, 1.1)
 _NEAR = 1.1  # tolerance factor for the ratio between two units
+_OWN_UNIT = 0.05  # difference of the angles' ratio from 1 that is not a scale factor of the gyros
+_GON = 10 / 9  # gon per degree
 _NAMED = 5  # most gaps that are named
 _ATTITUDES, _APART = 6, radians(10)
 _TURNED = 2 * pi  # rad about each axis of the body
@@ -277,11 +279,20 @@ def _require_axes(made: BlockMeans, sensor: Sensor, bench: Turntable, columns: C
         key, names = QUANTITIES[kind].sensor, names_of[kind]
         pairs = zip(names, m.factors().tolist(), strict=True)
         factors.append(f"[data] {key}: " + ", ".join(f"{n} {x:.3g}" for n, x in pairs))
-    raise InputError(
+    text = (
         f"readings and readback do not agree in any order or sign of their columns; "
-        f"their changes are these multiples of the expected ones: {'; '.join(factors)}; check the "
-        "columns, the scales and the zero of the table's angles"
+        f"their changes are these multiples of the expected ones: {'; '.join(factors)}"
     )
+    ratios = [1 / times for times in _rate_ratios(made).values()]
+    times = float(np.median(ratios)) if ratios else 1.0
+    if abs(times - 1) > _OWN_UNIT and max(ratios) < (1 + _OWN_UNIT) * min(ratios):
+        gon = " (gon, read as °, would give 1.11)" * bool(abs(times / _GON - 1) < _OWN_UNIT)
+        raise InputError(
+            f"{text}; the table's angles change {times:.3g} times as fast as the gyros' readings"
+            f"{gon}: check the unit of the angles, [data] table_unit",
+            key="[data] table_unit",
+        )
+    raise InputError(f"{text}; check the columns, the scales and the zero of the table's angles")
 
 
 def _describe_exchange(fit: ExchangeFit, columns: ColumnNames) -> tuple[str, ...]:
