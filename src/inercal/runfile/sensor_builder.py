@@ -59,8 +59,10 @@ def _require_same_axes(section: SensorSection, data: DataSection) -> None:
     """Raise an error if only [sensor] or only [data] states accelerometers or magnetometers."""
     for kind in ("accelerometer", "magnetometer"):
         key, columns, stated = f"[sensor.{kind}]", getattr(data, kind), getattr(section, kind)
-        if columns and kind in data.model_fields_set and stated is None:
-            raise key_error(key, "is missing")
+        named = columns and (kind == "accelerometer" or kind in data.model_fields_set)
+        if named and stated is None:
+            advice = f"if the sensor has no {kind}s, state {kind} = [] in [data]"
+            raise key_error(key, f"is missing; {advice}")
         if stated is not None and not columns:
             raise InputError(
                 f"[data] {kind} names no columns; name those of the {kind}s, or remove {key}",
