@@ -227,6 +227,18 @@ def run_of(
     return read(path)
 
 
+def test_exchanged_columns_of_gyros_that_never_turn_are_listed_as_unseen(tmp_path: Path):
+    whole = KIND.observe(run_of(tmp_path, table()))
+    assert not any(one.what == "unseen" for one in whole.findings)
+    one_axis = [
+        row | {"gx": f"0.1{k}", "gy": f"-0.2{k}"}
+        for k, row in enumerate(row for row in table() if row["axis"] == "z")
+    ]
+    (found,) = [f for f in KIND.observe(run_of(tmp_path, one_axis)).findings if f.what == "unseen"]
+    assert "columns of gx and gy" in found.message
+    assert "gz" not in found.message
+
+
 def test_a_table_of_gyros_alone_is_read(tmp_path: Path):
     run = run_of(tmp_path, table())
     found = KIND.observe(run)

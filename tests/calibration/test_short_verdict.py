@@ -6,12 +6,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-from tests.calibration.short_lines import KEY, require_short
+from tests.calibration.short_lines import KEY, require_short, require_toml
 
 from inercal.basics.keys import CoefficientName
 from inercal.basics.parameters import Parameter
-from inercal.basics.run_file_advice import Change
+from inercal.basics.run_file_advice import Advice, Change
 from inercal.calibration import explanation
+from inercal.calibration.best_cause import PlainAdvisor, SuspectedCause, changes_text
 from inercal.calibration.explanation import (
     CHECKS,
     Addition,
@@ -27,6 +28,7 @@ from inercal.calibration.grade import assess, grade_estimate
 from inercal.calibration.suspect_text import cause_line
 from inercal.calibration.verdict import _first_line, verdict  # pyright: ignore[reportPrivateUsage]
 from inercal.estimation import Candidate, Estimate, Problem, least_squares
+from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.result import ResidualGroup
 from inercal.estimation.scores import CandidateKind, ModelTest
@@ -145,6 +147,56 @@ def test_a_cause_is_in_words_with_its_size_what_it_explains_and_what_to_paste():
         for text in re.fullmatch(r"χ² would drop from ([\d. ]+) to ([\d. ]+)\.", drop).groups()  # pyright: ignore[reportOptionalMemberAccess]
     )
     assert (first, second) == (pytest.approx(before, rel=0.01), pytest.approx(after, rel=0.01))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        (Change("method.prior", "gx.scale", "0 ± 4000 ppm"),),
+        (Change("method", "also", ("k2", "ax.kip")), Change("sensor", "form", "tilted")),
+        (Change("bench", "harmonics", ["2 ″", "1 ″"]), Change("bench", "readback", False)),
+    ],
+)
+def test_keys_to_paste_are_toml(changes: tuple[Change, ...]):
+    require_toml(f"set in the run file: {changes_text(changes)}", changes)
+
+
+@pytest.mark.parametrize(("share", "is_cause"), [(1e-8, True), (0.2, False), (None, False)])
+def test_a_partial_cause_is_fitted_before_it_is_called_partial(share: float | None, is_cause: bool):
+    # A large effect that is not linear: the single step of the score test leaves too much.
+    found = fitted(1.0, {"ax.k2": "coefficient"}, SENSOR)
+    tests = found.score_tests
+    (score,) = tests.scores
+    scores = (replace(score, chi2=0.6 * tests.chi2),)
+    found = replace(found, scoring=LazyValue(lambda: replace(tests, scores=scores)))
+    plain, change = PlainAdvisor((), "row"), Change("method", "also", ("ax.k2",))
+
+    class Tried(PlainAdvisor):
+        def on_cause(self, cause: SuspectedCause) -> Advice:
+            if share is None:  # the fit is refused, or explains less than the step predicts
+                return plain.on_cause(cause)
+            return Advice(cause.name, (change,), chi2=share * tests.chi2)
+
+    said = verdict(found, SENSOR, (), possible=("ax.k2",), advisor=Tried(("ax.k2",), "row"))
+    require_short(said)
+    words = "second-order nonlinearity of the x accelerometer (ax.k2)"
+    if is_cause:
+        assert f"Most likely cause: {words}." in said.lines
+        assert said.suspect is not None
+        assert said.suspect.remaining_chi2 == 1e-8 * tests.chi2
+    else:
+        assert any(line.startswith(f"Partial cause: {words}") for line in said.lines)
+    advised = 'Next: set in the run file: [method] also = ["ax.k2"]' in said.lines
+    assert advised == (share is not None)
+
+
+def test_a_cause_found_in_the_data_precedes_a_scale_factor_far_from_nominal():
+    far = fitted(0.0, {"r1": "row"}, SENSOR)
+    far = replace(far, value=np.where(np.array(far.names) == "ax.k1", 72.0, far.value))
+    lost = Finding("warning", "slip", "rows are lost", cause="at least 53 samples lost at 51 s")
+    said = verdict(far, SENSOR, (lost,))
+    assert "73 times nominal" in said.lines[0]
+    assert "Most likely cause: at least 53 samples lost at 51 s." in said.lines
 
 
 def test_rows_that_cannot_be_told_apart_are_named_together():

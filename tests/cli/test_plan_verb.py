@@ -241,7 +241,7 @@ def test_the_table_of_a_rate_table_is_written_once(program: Program, tmp_path: P
     [
         (("ship-multi-angle",), "--run"),
         (("ship-planar", "-r", str(SHIP), "-o", "a.txt"), "--out a.txt"),
-        (("ship-planar", "-r", str(SHIP), "--positions", "3"), "[method] positions"),
+        (("ship-planar", "-r", str(SHIP), "--positions", "3"), "ship.toml: --positions: "),
         (("six-position",), "six-position"),
     ],
 )

@@ -14,6 +14,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
 from inercal.benches.stated_axes import SignedPermutation, signed_permutations
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
 from inercal.benches.turntable.reading.sample_checks import require_angle_unit, wild_samples
 from inercal.benches.turntable.reading.track_checks import ColumnNames, check_track
 from inercal.physics.quantities import Measures
@@ -242,6 +243,47 @@ def test_too_few_attitudes_and_turns_are_warned_of():
         ("warning", "turns"),
     ]
     assert number_after("have ", found[0].message) == 3
+
+
+def test_many_rows_lost_in_a_turn_are_one_cause_with_its_time():
+    track = draw_first_device("paper")
+    turning = np.abs(np.diff(track.angles, axis=0)).max(axis=1) > 1e-3
+    lengths = np.convolve(turning, np.ones(200), mode="same")
+    k = int(np.argmax(lengths))
+    kept = np.delete(np.arange(track.time.size), np.arange(k, k + 30))
+    time = track.time[: kept.size]
+    some = Track(time, track.reading[kept], track.angles[kept], track.hold[kept])
+    (found,) = dropped_sample_findings(some, SENSOR, BENCH)
+    assert found.cause.endswith(f"samples lost without a gap at {time[k - 1]:.6g} s")
+    assert dropped_sample_findings(track, SENSOR, BENCH) == ()
+
+
+def test_angles_in_gon_are_named_by_their_ratio():
+    track = draw_first_device("paper")
+    said = check_message(replace(track, angles=track.angles / 0.9))
+    assert number_after("angles change ", said) == pytest.approx(1.11, abs=0.02)
+    assert "(gon, read as °, would give 1.11): check the unit of the angles" in said
+
+
+@pytest.mark.parametrize("unit", [1.0, 1 / tt.G])
+def test_accelerometers_on_a_vertical_axis_are_checked_by_their_mean(unit: float):
+    rng, time = np.random.default_rng(SEED), np.arange(0, 60, 1 / HZ)
+    rate = np.where(abs(time - 30) < 15, 1.0, 0.0)
+    force = np.array([0.01, 0.0, 1.01]) * tt.G + 0.01 * rng.standard_normal((time.size, 3))
+    rates = rate[:, None] * [0, 0, 1] + 1e-4 * rng.standard_normal((time.size, 3))
+    hold = np.select([time < 14, time > 46], [0, 1], -1)
+    angles = np.cumsum(rate)[:, None] / HZ
+    track = Track(time, np.hstack([force * unit, rates]), angles, hold)
+    gyros = SENSOR.with_coefficients("gz.bias", "gz.scale")
+    bench = replace(BENCH, axes="z")
+    if unit == 1.0:
+        assert check_track("run.toml", track, gyros, bench) == ()  # no accelerometer is calibrated
+        found = check_track("run.toml", track, SENSOR, bench)
+        assert [one.what for one in found] == ["attitudes", "turns"]
+    else:
+        with refused(key="[data] accelerometer") as caught:
+            check_track("run.toml", track, gyros, bench)
+        assert "0.103 times gravity" in str(caught.value)
 
 
 def test_gaps_are_counted_and_long_ones_named():

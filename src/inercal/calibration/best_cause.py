@@ -347,7 +347,7 @@ class PlainAdvisor:
 
     def on_cause(self, cause: SuspectedCause) -> Advice:
         """Return the key that makes the method estimate the coefficient, or an action."""
-        if cause.kind == "coefficient" and set(cause.components) <= set(self._possible):
+        if is_estimable(cause, self._possible):
             return Advice(cause.name, (also((cause.name,)),), chi2=cause.remaining_chi2)
         return Advice(cause.name, action=action_on(cause, self._row_word))
 
@@ -362,6 +362,11 @@ class PlainAdvisor:
     def accepts_uncertainty(self, name: str) -> bool | None:
         """Return True, because there is no run that could refuse the key."""
         return True
+
+
+def is_estimable(cause: SuspectedCause, possible: Collection[str]) -> bool:
+    """Return whether a cause consists of coefficients that the method can estimate."""
+    return cause.kind == "coefficient" and set(cause.components) <= set(possible)
 
 
 def also(words: str | Sequence[str]) -> Change:
@@ -399,7 +404,12 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
 
 def changes_text(changes: Sequence[Change]) -> str:
     """Return changes as text for a run file: '[method] also = ["k2"]'."""
-    return " and ".join(f"[{one.section}] {one.key} = {_toml(one.value)}" for one in changes)
+    return " and ".join(f"[{one.section}] {_key(one)} = {_toml(one.value)}" for one in changes)
+
+
+def _key(change: Change) -> str:
+    """Return a key of a run file, in quotation marks if it is the name of a coefficient."""
+    return f'"{change.key}"' if "." in change.key else change.key
 
 
 def _toml(value: object) -> str:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from inercal.basics.keys import ErrorName
 from inercal.basics.run_file_advice import Advice
 from inercal.calibration import explanation
-from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, changes_text
+from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, changes_text, is_estimable
 from inercal.calibration.detectability import UndetectableCause
 from inercal.calibration.explanation import fit, sentence
 from inercal.calibration.grade import Assessment
@@ -62,7 +62,12 @@ class NextStep(NamedTuple):
 
 
 def steps_on_cause(
-    assessment: Assessment, advisor: Advisor, far: Sequence[str], row_word: str, main: str
+    assessment: Assessment,
+    advisor: Advisor,
+    far: Sequence[str],
+    row_word: str,
+    main: str,
+    possible: Collection[str],
 ) -> Iterator[NextStep]:
     """Yield next steps about the cause of large residuals."""
     if far:
@@ -73,6 +78,9 @@ def steps_on_cause(
     row, suspect, best = assessment.row, assessment.suspect, assessment.best
     if suspect is None and best is not None and best.name.startswith(HYSTERESIS):
         suspect = best  # it hides all other causes
+    elif suspect is None and best is not None and best.chi2 > best.remaining_chi2:
+        confirmed = is_estimable(best, possible) and advisor.on_cause(best).changes
+        suspect = best if confirmed else None
     rejecting = [one.name for one in assessment.rejecting_tests]
     slow = ()
     if any(name.startswith(COMMON_DRIFT) for name in rejecting):

@@ -18,7 +18,7 @@ from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Advice
 from inercal.calibration import explanation
 from inercal.calibration.agreement_text import agreement, agreement_lines, cause_lines, no_cause
-from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, PlainAdvisor
+from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, PlainAdvisor, is_estimable
 from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,
@@ -62,7 +62,7 @@ from inercal.calibration.suspect_text import (
     degrees_of_freedom,
 )
 from inercal.estimation import Estimate
-from inercal.estimation.scores import SIGNIFICANCE_LEVEL
+from inercal.estimation.scores import SIGNIFICANCE_LEVEL, remaining_p_value
 from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
@@ -79,6 +79,7 @@ _NO_CAUSE = (
     "No single cause explains this: the noise is larger than stated, or several things are wrong."
 )
 _NOTES_ON_SAMPLES = ("gap", "sections", "repeated", "order", "implausible", "angles")
+_NONLINEAR = 0.9  # remaining χ² of a fit, divided by that of the linear step, if it was far off
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
 
@@ -132,6 +133,7 @@ def verdict(
     advisor = advisor or PlainAdvisor(possible, row_word)
     findings = (*findings, *implausible_sizes(estimate, sensor))
     assessment = assess(estimate, len(sensor.coefficients), possible)
+    assessment = _refitted(assessment, estimate.score_tests.noise_dof, advisor, possible)
     row = _dominant_row(estimate, assessment)
     far = dict(_scale_errors(estimate, sensor, row))
     graded = grade_estimate(estimate, sensor, assessment, findings, tuple(far))
@@ -144,9 +146,14 @@ def verdict(
         # Otherwise the error cannot occur in this run.
         and (accepted := advisor.accepts_uncertainty(name)) is not False
     }
-    known = next(filter(None, (one.cause or CAUSES.get(one.what) for one in findings)), "")
+    found = next((one.cause for one in findings if one.cause), "")
+    known = found or next(filter(None, (CAUSES.get(one.what) for one in findings)), "")
     steps = [
-        *(() if known else steps_on_cause(assessment, advisor, tuple(far), row_word, row)),
+        *(
+            ()
+            if known
+            else steps_on_cause(assessment, advisor, tuple(far), row_word, row, possible)
+        ),
         *steps_on_undetectable(unseen, sensor, advisor, possible),
         *(
             NextStep(
@@ -206,7 +213,7 @@ def verdict(
         why = f"the residuals are {factor} times smaller than noise and bench imply"
         shared = any(one.what == SHARED_TILTS for one in findings)
         word, why = word + ", but U is too large" * (not shared), why + ": state placement" * shared
-    cause = next(iter(far.values()), known)
+    cause = found or next(iter(far.values()), known)
     named = cause_line(assessment, sensor, expected)
     lines = (
         _first_line(word, why),
@@ -234,6 +241,32 @@ def verdict(
         advice=advice,
         undetectable=tuple(unseen),
     )
+
+
+def _refitted(
+    assessment: Assessment, noise_dof: float, advisor: Advisor, possible: Collection[str]
+) -> Assessment:
+    """Return the assessment with the χ² of an actual fit if the best cause explains only a part.
+
+    The score test of a large effect predicts χ² by a single linear step, which may be far too
+    large. The sizes by this step are then omitted.
+    """
+    best = assessment.best
+    if best is None or assessment.suspect is not None or not is_estimable(best, possible):
+        return assessment
+    left = advisor.on_cause(best).chi2
+    if left is None or left > _NONLINEAR * best.remaining_chi2:
+        return assessment
+    drop = best.chi2 + best.remaining_chi2 - left
+    unknown = (np.nan,) * len(best.components)
+    p_value = remaining_p_value(left, best.remaining_dof, drop, noise_dof)
+    return replace(
+        assessment,
+        best=replace(
+            best, chi2=drop, remaining_chi2=left, remaining_p_value=p_value, sizes=unknown,
+            sds=unknown,
+        ),
+    )  # fmt: skip
 
 
 def _noise_factor(findings: Sequence[Finding]) -> str:

@@ -61,9 +61,7 @@ def print_plan(
     NotObserved
         The plan does not determine all coefficients.
     """
-    from inercal.runfile import read
-
-    run = read(run_file, keys)
+    run = _read_with_options(run_file, keys)
     files: dict[str, Path] = {}
     with console.progress_status(f"computing the uncertainties of {run.method.name}"):
         recorded = run.kind.sampled or (
@@ -100,13 +98,12 @@ def print_optimised_plan(
     """Search for a path, print its plan and write it to a file."""
     from inercal.benches.turntable import require_turntable
     from inercal.pipeline.design.path_search import path_table, search_path, with_path
-    from inercal.runfile import read
 
     try:
         seconds = parse_quantity(duration, "s").value
     except InputError as error:
         raise InputError(f"--optimise {duration}: {error}", key="--optimise") from None
-    run = read(run_file, keys)
+    run = _read_with_options(run_file, keys)
     if out is not None:
         require_suffix(out, ".csv")
         check_outputs({out: WORKSHEET}, run.input_files(), force=force)
@@ -124,6 +121,20 @@ def print_optimised_plan(
     plan = _path_plan(with_path(run, found.steps))
     plan = plan._replace(notes=(note, *plan.notes), more={**plan.more, **more})
     _print_plan(run, plan, files, json=json)
+
+
+def _read_with_options(run_file: Path, keys: Mapping[str, object]) -> "Run":
+    """Read a run file with the options in [method]; an error about an option names the option."""
+    from inercal.runfile import read
+
+    try:
+        return read(run_file, keys)
+    except InputError as error:
+        key = error.key or ""
+        if (name := key.removeprefix("[method] ")) == key or name not in keys:
+            raise
+        text = str(error).replace(key, option := f"--{name}").replace("the key", "the option")
+        raise InputError(text, key=option) from None
 
 
 def _print_plan(run: "Run", plan: _Plan, files: Mapping[str, Path], *, json: bool) -> None:

@@ -21,7 +21,13 @@ from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Advice, Change, with_changes
 from inercal.basics.units import Measured, format_value_and_uncertainty, si_factor
 from inercal.benches.key_declarations import declarations
-from inercal.calibration.best_cause import SuspectedCause, action_on, also, changes_text
+from inercal.calibration.best_cause import (
+    SuspectedCause,
+    action_on,
+    also,
+    changes_text,
+    is_estimable,
+)
 from inercal.estimation import Estimate
 from inercal.methods import METHODS
 from inercal.methods.observability import OBSERVABILITY_LIMIT
@@ -221,7 +227,7 @@ class RunAdvisor:
         """Return the changes that may include a cause in the model, the shortest first."""
         if cause.changes:
             return [cause.changes]
-        if cause.kind == "coefficient" and set(cause.components) <= set(self._possible):
+        if is_estimable(cause, self._possible):
             words = list(dict.fromkeys(((cause.name,), cause.components)))
             plain = [(also(one),) for one in words]
             angles = {CoefficientName(name).term for name in cause.components}

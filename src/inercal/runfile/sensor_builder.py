@@ -61,7 +61,8 @@ def _require_same_axes(section: SensorSection, data: DataSection) -> None:
         key, columns, stated = f"[sensor.{kind}]", getattr(data, kind), getattr(section, kind)
         named = columns and (kind == "accelerometer" or kind in data.model_fields_set)
         if named and stated is None:
-            raise key_error(key, "is missing")
+            advice = f"if the sensor has no {kind}s, state {kind} = [] in [data]"
+            raise key_error(key, f"is missing; {advice}")
         if stated is not None and not columns:
             raise InputError(
                 f"[data] {kind} names no columns; name those of the {kind}s, or remove {key}",

@@ -30,7 +30,8 @@ from inercal.benches.rate_platform.sections import (
 )
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.physics.section_settings import key_error
-from inercal.recordings import Mark, Recording
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, Mark, Recording
 from inercal.recordings.data import EstimatorInput, RunBase, recording_loader
 from inercal.recordings.data.rest_marks import parse_face
 from inercal.recordings.io.column_table import Table
@@ -39,6 +40,7 @@ from inercal.recordings.io.mean_tables import observations_from_table, read_colu
 from inercal.recordings.io.rest_norm import rest_mean_finding
 from inercal.recordings.segments import average_sections, marks_from_labels
 
+_ACROSS = 0.5  # cosine between a gyro's axis and the table's, below which a scale hardly shows
 _SHORTEST = 1.0  # s: a table does not reach a rate and hold it in less
 
 
@@ -65,6 +67,7 @@ def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
         limit = f"{degrees(SMALL_RATE):g} °/s"
         text = f"A resolution needs small rates about a rate above {limit}, up to a tenth of it."
         notes = (*notes, text)
+    findings += _unseen_exchanges(run.sensor, steps)
     conditions = _conditions(bench, steps)
     if banded := rows_of_bands(found):
         result = result.rows([row for row in range(len(steps)) if row not in banded])
@@ -72,6 +75,18 @@ def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
     return replace(
         result, findings=findings, conditions=conditions, notes=notes, characteristics=found
     )
+
+
+def _unseen_exchanges(sensor: Sensor, steps: Sequence[RateDwell | Pose]) -> tuple[Finding, ...]:
+    """Return a note on gyros about whose axes nothing turns: their columns may be exchanged."""
+    up = [step.up for step in steps if isinstance(step, RateDwell) and step.rate]
+    gyros = sensor.select_axes("w")
+    turned = np.abs(gyros.input_axes("w") @ np.array(up).T).max(axis=1) if up else np.ones(0)
+    names = [n for n, most in zip(gyros.channels, turned, strict=False) if most < _ACROSS]
+    if len(names) < 2:
+        return ()
+    text = f"exchanged or reversed columns of {' and '.join(names)}; turn about these axes"
+    return (Finding("note", "unseen", text),)
 
 
 def _refuse_unused_errors(

@@ -306,7 +306,7 @@ def path_plan(
     name = options.get("path")
     if name is None or name in PATHS:
         if len(bench.axes) != _AXES:
-            text = f"{name or next(iter(PATHS))} needs three axes, but this table has "
+            text = f"{name or 'the default path'} needs three axes, but this table has "
             return partial(
                 _refuse_plan, f"path: {text}{len(bench.axes)}; name a file with its steps"
             )

@@ -178,7 +178,8 @@ def build(section: TurntableSection, folder: Path) -> Turntable:
         raise key_error(
             "[bench] azimuth",
             f"the standard uncertainty of {section.azimuth!r} exceeds 5°, the limit of the linear "
-            "model; measure the azimuth better",
+            'model; measure the azimuth better, or use bench kind = "rate_platform" with method '
+            "rates_and_poses, which needs no azimuth, if the table turns only about the vertical",
         )
     return build_bench(
         Turntable,

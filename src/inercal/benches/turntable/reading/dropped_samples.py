@@ -42,6 +42,7 @@ _CLEAR = 6.0  # standard deviations: a significant step between local offsets
 _NORMAL = 1.4826  # standard deviation over median absolute deviation for a normal distribution
 _SEEN = 3.0  # the same for steps next to a significant one
 _HALF = 0.5  # samples
+_MANY = 10  # samples: a larger loss falsifies the fit of the rates, and any calibration
 _DUST, _COARSEST = 1e-9, np.radians(0.2)  # rad: range of steps that are due to rounding
 _SHAPED = 0.01  # times the rate: a larger residual is due to the table's zeros, not to time
 _MOVING = np.radians(5)  # rad/s: turns are faster
@@ -76,17 +77,22 @@ def dropped_sample_findings(
     for drop in find_dropped_samples(track, sensor, bench, known):
         count = round(abs(drop.samples))
         size = f"{format_count(count, 'sample')} {'lost' if drop.samples > 0 else 'too many'}"
+        cause = ""
         start, stop = track.time[drop.first], track.time[drop.last]
         if drop.row:
             text = f"{size} without a gap at {start:.6g} s: the readback jumps by "
             text += f"{drop.samples:+.2f} time steps relative to the gyros"
+            if count > _MANY:
+                cause = f"at least {size} without a gap at {start:.6g} s"
         else:
             delay = drop.samples * float(np.median(np.diff(track.time))) * 1e3
             text = f"{size} by the sensor without a gap between {start:.6g} s and {stop:.6g} s: "
             text += f"from then on the readback is later by {delay:.3g} ms"
         text += '; take times from a packet counter: [data] time, time_unit = "sample", rate and '
         text += "counter_modulus"
-        findings.append(Finding("warning", "slip", text, None, drop.first, drop.last + 1))
+        findings.append(
+            Finding("warning", "slip", text, None, drop.first, drop.last + 1, cause=cause)
+        )
     return tuple(findings)
 
 
@@ -120,6 +126,8 @@ def find_dropped_samples(
         offsets.append(LocalOffsets(local.time[own], local.value[own], local.sd[own], spans[own]))
     if not offsets:
         return ()
+    if any(abs(row.samples) > _MANY for row in rows):
+        return tuple(rows)  # the rates do not fit, so offsets have no meaning
     local = LocalOffsets(*map(np.concatenate, zip(*offsets, strict=True)))
     steps = _offset_steps(local, track.time[:_PIECE])
     # The loss may lie within one of the two changes of rate.

@@ -13,6 +13,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, error_location
+from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_count, format_duration, format_quantity
 from inercal.benches.stated_axes import identity_permutation
 from inercal.benches.turntable.attitude import motion, reference_attitude
@@ -37,9 +38,12 @@ _TURNS = radians(1)  # rad/s that gyros read in addition to their bias while the
 _SIZE = 1.2  # a usable scale factor is between the inverse of this and this
 _SPHERE = 4  # readings needed to determine a centre and a radius
 _ALL_ROUND = 0.3  # ratio of the smallest to the largest spread of attitudes needed for that
+_TILTED = 0.05  # ratio of the largest spread to the norm needed for that
 _WEIGHT = (0.7, 1.4)  # possible norm at rest in g
 _USUAL = (0.9, 1.1)
 _NEAR = 1.1  # tolerance factor for the ratio between two units
+_OWN_UNIT = 0.05  # difference of the angles' ratio from 1 that is not a scale factor of the gyros
+_GON = 10 / 9  # gon per degree
 _NAMED = 5  # most gaps that are named
 _ATTITUDES, _APART = 6, radians(10)
 _TURNED = 2 * pi  # rad about each axis of the body
@@ -163,9 +167,11 @@ def _size_at_rest(force: Array) -> float:
     do not determine the centre of the sphere, the median norm replaces its radius.
     """
     centred = force - force.mean(axis=0)
-    spread = np.linalg.svd(centred, compute_uv=False)
-    if len(force) < _SPHERE or spread[-1] < _ALL_ROUND * spread[0]:
-        return float(np.median(np.linalg.norm(force, axis=-1)))
+    spread = np.linalg.svd(centred, compute_uv=False) / np.sqrt(len(force))
+    size = float(np.median(np.linalg.norm(force, axis=-1)))
+    is_one_attitude = spread[0] < _TILTED * size  # the noise has a spread in all directions
+    if len(force) < _SPHERE or is_one_attitude or spread[-1] < _ALL_ROUND * spread[0]:
+        return size
     columns = np.concatenate([2 * force, np.ones((len(force), 1))], axis=-1)
     solved = np.asarray(np.linalg.lstsq(columns, (force**2).sum(-1), rcond=None)[0], dtype=float)
     return float(np.sqrt(max(solved[3] + solved[:3] @ solved[:3], 0.0)))
@@ -273,11 +279,20 @@ def _require_axes(made: BlockMeans, sensor: Sensor, bench: Turntable, columns: C
         key, names = QUANTITIES[kind].sensor, names_of[kind]
         pairs = zip(names, m.factors().tolist(), strict=True)
         factors.append(f"[data] {key}: " + ", ".join(f"{n} {x:.3g}" for n, x in pairs))
-    raise InputError(
+    text = (
         f"readings and readback do not agree in any order or sign of their columns; "
-        f"their changes are these multiples of the expected ones: {'; '.join(factors)}; check the "
-        "columns, the scales and the zero of the table's angles"
+        f"their changes are these multiples of the expected ones: {'; '.join(factors)}"
     )
+    ratios = [1 / times for times in _rate_ratios(made).values()]
+    times = float(np.median(ratios)) if ratios else 1.0
+    if abs(times - 1) > _OWN_UNIT and max(ratios) < (1 + _OWN_UNIT) * min(ratios):
+        gon = " (gon, read as °, would give 1.11)" * bool(abs(times / _GON - 1) < _OWN_UNIT)
+        raise InputError(
+            f"{text}; the table's angles change {times:.3g} times as fast as the gyros' readings"
+            f"{gon}: check the unit of the angles, [data] table_unit",
+            key="[data] table_unit",
+        )
+    raise InputError(f"{text}; check the columns, the scales and the zero of the table's angles")
 
 
 def _describe_exchange(fit: ExchangeFit, columns: ColumnNames) -> tuple[str, ...]:
@@ -295,7 +310,7 @@ def _describe_exchange(fit: ExchangeFit, columns: ColumnNames) -> tuple[str, ...
 
 
 def _attitude_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
-    """Return a warning if the holds have fewer than six directions of gravity in the body."""
+    """Return a warning if the holds have too few directions of gravity for the accelerometers."""
     numbers = np.unique(track.hold[track.hold >= 0])
     middles = [int(np.median(np.flatnonzero(track.hold == k))) for k in numbers]
     up = reference_attitude(bench, track.angles[middles])[:, 2, :]  # in the body
@@ -303,7 +318,9 @@ def _attitude_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[
     for direction in up:
         if all(np.linalg.norm(direction - other) > _APART for other in distinct):
             distinct.append(direction)
-    if len(distinct) >= _ATTITUDES or sensor.rank("f") < len("xyz"):
+    axes = {CoefficientName(name).axis for name in sensor.coefficients}
+    unused = axes and not axes & set(sensor.select_axes("f").channels)
+    if len(distinct) >= _ATTITUDES or sensor.rank("f") < len("xyz") or unused:
         return ()
     text = (
         f"the {numbers.size} holds have {len(distinct)} different upward directions; the "
@@ -313,7 +330,7 @@ def _attitude_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[
 
 
 def _turn_findings(made: BlockMeans, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
-    """Return a warning about gyros about whose axes the table hardly turned."""
+    """Return a warning about gyros with a scale to estimate that the table hardly turned."""
     sensed = motion(bench, made.angles, made.rates, np.zeros_like(made.rates), {})
     step = float(np.median(np.diff(made.time)))
     gyros = sensor.select_axes("w")
@@ -321,7 +338,7 @@ def _turn_findings(made: BlockMeans, sensor: Sensor, bench: Turntable) -> tuple[
     few = [
         f"{name} {degrees(t):.3g}°"
         for name, t in zip(gyros.channels, turned, strict=True)
-        if t < _TURNED
+        if t < _TURNED and (not sensor.coefficients or f"{name}.scale" in sensor.coefficients)
     ]
     if not few:
         return ()
