@@ -89,7 +89,7 @@ def _unknown_word_error(axes: Sequence[Axis], word: str) -> InputError:
     triad = word != "nonorthogonality"  # other clusters do not have this group
     groups = [*dict.fromkeys(c.group for c in lines), *["nonorthogonality"] * triad]
     axis, term = CoefficientName(word).parts
-    near = get_close_matches(term, dict.fromkeys([*short, *groups]), n=2)
+    near = get_close_matches(term.lower(), dict.fromkeys([*short, *groups]), n=2)
     if word == "auto":
         advice = 'write also = "auto", without a list and without other words'
     elif axis and axis not in {one.name for one in axes}:
