@@ -15,7 +15,7 @@ from inercal.benches import DividingHead, Turntable
 from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.estimation import Gaussian
 from inercal.methods import METHODS
-from inercal.methods.temperature import temperature_coefficients
+from inercal.methods.temperature import row_offsets, temperature_coefficients
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor, imu
 from inercal.recordings import Observations, Track, join_observations
@@ -204,3 +204,16 @@ def test_a_track_cuts_its_temperature_with_its_samples():
         replace(track, temperature=np.zeros(4))
     with pytest.raises(InputError):
         replace(track, temperature=np.array([1.0, 1.0, np.nan, 1.0, 1.0]))
+
+
+def test_rows_of_nearly_one_temperature_keep_their_own_if_priors_state_all_coefficients():
+    sensor, _, seen, steps = made("tumble", "least_squares")
+    kelvin = 300.0 + np.linspace(0.0, 0.7 * TEMPERATURE_VARIATION, len(steps))
+    names = tuple(temperature_coefficients(sensor))
+    told = Gaussian.independent(names, np.zeros(len(names)), np.ones(len(names)))
+    seen = replace(seen, temperature=kelvin)
+    own = row_offsets(seen, sensor, [told])
+    np.testing.assert_allclose(own, kelvin - sensor.reference_temperature)
+    assert np.ptp(row_offsets(seen, sensor)) == 0
+    one = Gaussian.independent(names[:1], np.zeros(1), np.ones(1))
+    assert np.ptp(row_offsets(seen, sensor, [one])) == 0

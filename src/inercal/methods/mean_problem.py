@@ -235,11 +235,12 @@ def problem_of_readings(
         The bench parameters that are candidates, if these are more than the declared ones.
     """
     given = observations, motion_function, reading_columns or {}, dwell_covariance, stated_noise
-    forces = unknown_forces or {}
+    forces, own = unknown_forces or {}, priors
     doubted = declared if suspects is None else suspects
 
     def build(unknowns: Unknowns, priors: Priors = ()) -> Problem:
-        return _compare_vectors(unknowns, priors, *given)
+        warmth = temperature.row_offsets(observations, unknowns.sensor, own)
+        return _compare_vectors(unknowns, priors, warmth, *given)
 
     def larger() -> Problem:
         whole = candidates.extended_sensor(
@@ -267,6 +268,7 @@ def problem_of_readings(
 def _compare_vectors(
     unknowns: Unknowns,
     priors: Priors,
+    offsets: Array,
     observations: Observations,
     motion_function: MotionFunction,
     reading_columns: Mapping[str, Array],
@@ -277,7 +279,6 @@ def _compare_vectors(
     p, sensor, nuisances = unknowns.p, unknowns.sensor, unknowns.nuisances
     added = {n: one for n, one in reading_columns.items() if n in unknowns.estimated}
     at = [p + nuisances.index(name) for name in added]
-    offsets = temperature.row_offsets(observations, sensor)
     columns = np.array(list(added.values())).T
 
     def sensed_motion(x: Array, dT: Array = offsets) -> MeanMotion:

@@ -10,16 +10,18 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.methods import Priors
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 from inercal.recordings.temperature import TEMPERATURE_VARIATION
 
 
-def row_offsets(observations: Observations, sensor: Sensor) -> Array:
+def row_offsets(observations: Observations, sensor: Sensor, priors: Priors = ()) -> Array:
     """Return ΔT of each row, (..., r) K; a scalar 0 if the sensor does not depend on temperature.
 
     Rows that differ by less than `TEMPERATURE_VARIATION` get their mean temperature, because
-    smaller differences are noise of the temperature sensor.
+    such small differences do not determine coefficients. Rows keep their own temperatures if
+    `priors` state all temperature coefficients.
 
     Raises
     ------
@@ -30,7 +32,9 @@ def row_offsets(observations: Observations, sensor: Sensor) -> Array:
         return np.zeros(())
     if observations.temperature is None:
         raise _missing_temperature_error(sensor)
-    return _steady_values(observations.temperature_offset(sensor.reference_temperature))
+    offsets = observations.temperature_offset(sensor.reference_temperature)
+    stated = set(temperature_coefficients(sensor)) <= {n for one in priors for n in one.names}
+    return offsets if stated else _steady_values(offsets)
 
 
 def sample_offsets(track: Track, sensor: Sensor) -> Array:

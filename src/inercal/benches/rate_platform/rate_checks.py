@@ -1,7 +1,8 @@
 """Check the unit, sign and axis of the rates, and the axis that is up, against the readings."""
 
 from collections.abc import Callable, Sequence
-from math import degrees, sqrt
+from dataclasses import replace
+from math import degrees, radians, sqrt
 
 import numpy as np
 
@@ -9,11 +10,19 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import si_factor
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.sections import SMALL_RATE, KnownTurn, PlatformStep, RateDwell
+from inercal.benches.rate_platform.sections import (
+    SMALL_RATE,
+    KnownTurn,
+    PlatformStep,
+    Pose,
+    RateDwell,
+)
 from inercal.benches.rate_platform.settings import RatePlatformData
+from inercal.benches.stated_axes import signed_permutations
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Mark, Observations, Recording
 from inercal.recordings.data import RunBase
+from inercal.recordings.io.rest_norm import norm_finding
 
 _LEAST_RATE = 1e-3  # rad/s: slower rates may be smaller than a bias
 _CLEAR = 0.5  # times the stated rate: a clear reading on another axis or with the other sign
@@ -23,6 +32,7 @@ _FEWEST = 3  # rows at a rate: with fewer, any of them may be the wrong one
 _NEAR = 0.1  # relative tolerance for the ratio of two units
 _UNITS = ("rad/s", "rpm", "rev/s", "°/s")
 _STEEPEST = 0.7  # cosine of 45°
+_MISORDERED, _ORDERED = 0.3, 0.15  # relative differences from the forces at the stated poses
 _BLOCKS = 20  # blocks per section, in two halves
 _SIGMAS = 6.0
 _STEADY = 2e-4  # largest change relative to the rate
@@ -211,10 +221,13 @@ def require_axes_up(
     Raises
     ------
     InputError
-        The stated direction is wrong; the message names the row.
+        The stated direction is wrong. The message names a change of unit or columns that corrects
+        all rows, or the first wrong row.
     """
     forces = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "f"]
     nominal = bench.mean_motion(steps, {}).f @ run.sensor.input_axes("f").T
+    if forces and steps and all(isinstance(step, Pose) for step in steps):
+        _require_pose_columns(run, observations.mean[:, forces], bench, steps, nominal)
     for k, step in enumerate(steps if forces else ()):
         if isinstance(step, RateDwell) and step.rate != 0:
             continue
@@ -230,3 +243,49 @@ def require_axes_up(
                 file=run.path,
                 names=(step.label,),
             )
+
+
+def _require_pose_columns(
+    run: RunBase[RatePlatformData],
+    read: Array,
+    bench: RatePlatform,
+    steps: Sequence[PlatformStep],
+    nominal: Array,
+) -> None:
+    """Refuse poses if a change of a unit or an exchange of columns makes all of them agree."""
+
+    def off(expected: Array, seen: Array = read) -> float:
+        return float(np.linalg.norm(seen - expected) / np.linalg.norm(expected))
+
+    def turned(exchanged: bool, times: float) -> Array:
+        poses = [step for step in steps if isinstance(step, Pose)]
+        angles = [(p.pitch, p.roll) if exchanged else (p.roll, p.pitch) for p in poses]
+        other = [
+            replace(p, roll=a * times, pitch=b * times)
+            for p, (a, b) in zip(poses, angles, strict=True)
+        ]
+        return bench.mean_motion(other, {}).f @ run.sensor.input_axes("f").T
+
+    if not nominal.any() or off(nominal) < _MISORDERED:
+        return
+    size, expected = float(np.linalg.norm(read)), float(np.linalg.norm(nominal))
+    in_degrees = run.data.angle_unit in ("°", "deg")
+    unit, times = ("rad", degrees(1)) if in_degrees else ("°", radians(1))
+    if off(turned(False, times)) < _ORDERED:
+        text = f'the readings agree with angles in {unit}; state angle_unit = "{unit}"'
+        raise key_error("[data] angle_unit", text, run.path)
+    text = "the readings at all poses do not have the size that gravity gives"
+    axis = run.sensor.select_axes("f").axes[0]
+    finding = norm_finding(size, expected, text, axis.readout.unit)
+    if finding is not None and finding.severity == "refused":
+        raise key_error("[data] accelerometer", finding.message, run.path)
+    named = tuple(map(str, run.data.accelerometer))
+    plain = [way for way in signed_permutations(read.shape[1]) if min(way.signs) > 0]
+    for way in plain:
+        if off(nominal, way.reorder(read)) < _ORDERED:
+            columns = way.signed_names(named)
+            text = f"the readings contradict the poses; they agree with accelerometer = {columns}"
+            raise key_error("[data] accelerometer", text, run.path, (columns,))
+    if off(turned(True, 1.0)) < _ORDERED:
+        text = "the readings agree with the columns of roll and pitch exchanged; exchange them"
+        raise key_error("[data] roll", text, run.path)

@@ -208,7 +208,7 @@ def _ungauged_norm_problem(
     p, loose = unknowns.p, unknowns.nuisances
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     shared = _same_dwell_rows(observations, bench, steps)
-    warmth = temperature.row_offsets(observations, sensor)
+    warmth = temperature.row_offsets(observations, sensor, priors)
     between = observations.between_rows
     in_common = between is not None or observations.common is not None
     correlated = shared is not None or in_common

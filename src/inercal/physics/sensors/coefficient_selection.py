@@ -90,7 +90,7 @@ def _unknown_word_error(axes: Sequence[Axis], word: str) -> InputError:
     groups = [*dict.fromkeys(c.group for c in lines), *["nonorthogonality"] * triad]
     axis, term = CoefficientName(word).parts
     words = dict.fromkeys([*short, *groups])
-    near = get_close_matches(term, words, n=2)
+    near = get_close_matches(term.lower(), words, n=2)
     near = near or [one for one in words if term.startswith(f"{one}_")]
     if word == "auto":
         advice = 'write also = "auto", without a list and without other words'
