@@ -168,6 +168,16 @@ def test_more_than_five_per_cent_is_refused():
         fit(sim.rests(rng, sim.scattered(rng, N), own, disturbance=change))
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_readings_of_another_recording_fit_no_axes(seed: int):
+    rng = np.random.default_rng(seed)
+    own = sim.device(rng)
+    data = sim.rests(rng, sim.scattered(rng, N), own)
+    data.reading = sim.rests(rng, sim.scattered(rng, N), own).reading
+    with pytest.raises(InputError, match="may belong to another recording"):
+        fit(data)
+
+
 def test_many_nodes_are_tested_in_stretches():
     rng = np.random.default_rng(5)
     own = sim.device(rng)
