@@ -106,6 +106,9 @@ def test_sections_stored_by_label_are_put_in_the_order_of_time():
     time = np.concatenate([np.arange(300, 600), np.arange(700, 1000), np.arange(-100, 300)]) / 100
     audited = audit(recording(time=time, labels=labels, readback={"t": time}))
     assert kinds(audited) == [("note", "order"), ("note", "gap")]
+    labels[labels == "c"] = ""  # the time between two sections is none
+    told = audit(recording(time=time, labels=labels)).findings[0].message
+    assert told.startswith("the 2 labelled sections")
     assert (np.diff(audited.time) > 0).all()
     assert audited.labels is not None
     assert audited.labels[[0, 400, 700]].tolist() == ["a", "b", "c"]

@@ -156,6 +156,18 @@ def test_a_field_that_is_stated_wrong_gives_reservations(
 
 
 @pytest.mark.slow
+def test_a_field_stated_almost_twice_as_large_is_blamed_for_all_axes(tmp_path: Path, made: Made):
+    made.write(tmp_path / "log.csv")
+    stated = {"bench.field": '"84 µT ± 0.2 µT"', "bench.gravity": '"9.81 m/s² ± 0.1 mm/s²"'}
+    first, cause, after, *_ = calibrate_run(
+        read(run_file(tmp_path, stated)), advise=False
+    ).verdict.lines
+    assert "each magnetometer" in first
+    assert "stated field" in cause
+    assert "check [bench] field" in after
+
+
+@pytest.mark.slow
 def test_magnetometers_whose_times_are_far_off_are_named(tmp_path: Path, made: Made):
     field = np.roll(made.field, round(0.15 / float(np.median(np.diff(made.time)))), axis=0)
     parts = (made.time, made.force, made.rate, field, made.true_field, made.rest)

@@ -77,7 +77,8 @@ def check_time_order(recording: Recording, where: SampleLocator) -> RowCheck:
         length = np.diff(start, append=labels.size)
         keep = np.argsort(np.repeat(place, length), kind="stable")
         if (np.diff(recording.time[keep]) >= 0).all():
-            text = f"{start.size} labelled sections were out of order in time and were sorted"
+            count = np.count_nonzero(labels[start])  # without the times between sections
+            text = f"the {count} labelled sections were out of order in time and were sorted"
             return RowCheck([Finding("note", "order", text)], keep)
     worst = int(back[0])
     others = f", and at {format_count(back.size - 1, 'more place')}" if back.size > 1 else ""
