@@ -175,6 +175,8 @@ def test_magnetometers_whose_times_are_far_off_are_named(tmp_path: Path, made: M
     stated = {"bench.gravity": '"9.81 m/s² ± 0.1 mm/s²"'}
     outcome = calibrate_run(read(run_file(tmp_path, stated)), advise=False)
     assert "delay" in outcome.verdict.warned
+    assert "ms later than the other sensors'" in outcome.verdict.lines[1]
+    assert outcome.verdict.lines[2] == "Next: correct the times."
     assert outcome.verdict.grade != "consistent"
 
 

@@ -15,6 +15,7 @@ from inercal.estimation.scores import (
     BURST_AT,
     COMMON_DRIFT,
     HYSTERESIS,
+    MAGNETIC_STEP,
     SIGNIFICANCE_LEVEL,
     SLOW_NOISE,
 )
@@ -71,8 +72,10 @@ def steps_on_cause(
             f"{look} the connection of this axis, and its sign, unit and scale in the run file."
         )
     row, suspect, best = assessment.row, assessment.suspect, assessment.best
-    if suspect is None and best is not None and best.name.startswith(HYSTERESIS):
-        suspect = best  # it hides all other causes
+    if suspect is None and best is not None:
+        magnetic = best.name.startswith(MAGNETIC_STEP) and best.chi2 > best.remaining_chi2
+        if magnetic or best.name.startswith(HYSTERESIS):
+            suspect = best  # it hides all other causes
     rejecting = [one.name for one in assessment.rejecting_tests]
     slow = ()
     if any(name.startswith(COMMON_DRIFT) for name in rejecting):

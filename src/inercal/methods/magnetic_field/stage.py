@@ -100,8 +100,9 @@ def add_magnetometers(
     remarks = field_remarks(whole, found, stated)
     late = float(whole.value[whole.names.index(DELAY)]) if DELAY in whole.names else 0.0
     if abs(late) > _FAR_DELAY * DELAY_SD:  # the turn during the delay is no longer a small angle
-        text = f"{delay_words('m', Measured(late, 0.0))}; correct the times"
-        remarks = remarks._replace(findings=(*remarks.findings, Finding("warning", "delay", text)))
+        cause = delay_words("m", Measured(late, 0.0))
+        finding = Finding("warning", "delay", f"{cause}; correct the times", cause=cause)
+        remarks = remarks._replace(findings=(*remarks.findings, finding))
     return whole, remarks
 
 
