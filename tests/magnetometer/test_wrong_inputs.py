@@ -1,5 +1,6 @@
 """Each wrong statement or reading about magnetometers is refused in one line that names its key."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,13 @@ def test_readings_in_another_unit_are_refused_with_the_unit_that_fits(tmp_path: 
         inputs(tmp_path)
     assert "mG" in str(refusal.value)
     assert inputs(tmp_path, {"sensor.magnetometer.unit": '"mG"'}).observations.magnetic is not None
+
+
+def test_one_accelerometer_in_another_unit_is_named(tmp_path: Path, made: Made):
+    force = made.force / [1.0, 1.0, 9.80665]
+    replace(made, force=force).write(tmp_path / "log.csv")
+    with refused(key="[sensor.accelerometer] unit", names=["az"]):
+        inputs(tmp_path)
 
 
 def test_a_constant_axis_is_refused(tmp_path: Path, made: Made):
