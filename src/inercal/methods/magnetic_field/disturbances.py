@@ -2,9 +2,9 @@
 
 The nodes are divided into at most 64 stretches. These candidates are tested: a step of the field
 between two stretches, a drift of the offsets, a drift of the strength, and another field during one
-stretch (one rest, if there are few nodes). If the residuals are too large, a step of the offsets is
-also tested. The turns of the nodes absorb a part of each. For example, nodes without links show
-only two of the three components of a step.
+stretch (one rest, if there are few nodes). If the residuals are far too large, a step of the
+offsets is also tested. The turns of the nodes absorb a part of each. For example, nodes without
+links show only two of the three components of a step.
 
 The products of all columns after the elimination of the turns are sufficient for the tests, so
 their cost grows in proportion to the number of nodes.
@@ -22,6 +22,7 @@ from inercal.methods.magnetic_field.fitting import FieldFit
 from inercal.methods.magnetic_field.rows import Solution
 
 _MOST_STRETCHES = 64
+_FAR = 4.0  # χ²/ν above which more causes are tested; each test lowers the power of the others
 _ABSORBED = 1e-9  # share of a component's square, below which it is absorbed
 
 
@@ -89,7 +90,7 @@ def _candidates(fit: FieldFit, edges: Indices, spread: Array) -> Iterator[Candid
         at = f"at {labels[edges[k]]}"
         rows = stretch[k:].sum(axis=0)
         yield _candidate(f"step of the field {at}", "time", ways, rows)
-        if fit.inhomogeneity:
+        if fit.chi2 > _FAR * fit.dof:
             rows = offset[k:].sum(axis=0)
             yield _candidate(f"step of the offset {at}", "time", problem.model.axes, rows)
     yield _candidate("drift of the offset", "time", problem.model.axes, drift[:3])
