@@ -8,10 +8,11 @@ import pytest
 from tests.refusals import refused
 
 from inercal.physics.sensors import Readout, triad
-from inercal.recordings import Finding, Recording
+from inercal.recordings import Finding, Mark, Recording
 from inercal.recordings.io.audit import audit, require_accepted
 from inercal.recordings.io.read import Columns, read_recording
 from inercal.recordings.io.rest_norm import audit_rest_norm, norm_finding
+from inercal.recordings.io.row_checks import copied_sections
 
 G0 = 9.80665
 
@@ -106,6 +107,9 @@ def test_sections_stored_by_label_are_put_in_the_order_of_time():
     time = np.concatenate([np.arange(300, 600), np.arange(700, 1000), np.arange(-100, 300)]) / 100
     audited = audit(recording(time=time, labels=labels, readback={"t": time}))
     assert kinds(audited) == [("note", "order"), ("note", "gap")]
+    labels[labels == "c"] = ""  # the time between two sections is none
+    told = audit(recording(time=time, labels=labels)).findings[0].message
+    assert told.startswith("the 2 labelled sections")
     assert (np.diff(audited.time) > 0).all()
     assert audited.labels is not None
     assert audited.labels[[0, 400, 700]].tolist() == ["a", "b", "c"]
@@ -343,3 +347,15 @@ def test_the_annotated_session_is_one_recording_once_in_order(data_dir: Path):
         "x_rot",
         "z_rot",
     ]
+
+
+def test_a_section_that_is_present_twice_is_named_once():
+    made = recording()
+    marks = [Mark(str(k), 100 * k, 100 * (k + 1)) for k in range(10)]
+    assert copied_sections(made, marks) == ()
+    made.data[200:300] = made.data[600:700]
+    made.data[300:400] = made.data[700:800]
+    (found,) = copied_sections(made, marks)
+    assert found.message.startswith("2 and 6 (and 1 more pair) have exactly the same samples")
+    made.data[:] = 1.0
+    assert copied_sections(made, marks) == ()

@@ -168,6 +168,28 @@ def test_more_than_five_per_cent_is_refused():
         fit(sim.rests(rng, sim.scattered(rng, N), own, disturbance=change))
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_readings_of_another_recording_fit_no_axes(seed: int):
+    rng = np.random.default_rng(seed)
+    own = sim.device(rng)
+    data = sim.rests(rng, sim.scattered(rng, N), own)
+    data.reading = sim.rests(rng, sim.scattered(rng, N), own).reading
+    with pytest.raises(InputError, match="may belong to another recording"):
+        fit(data)
+
+
+def test_a_step_of_the_offset_is_told_from_a_step_of_the_field():
+    rng = np.random.default_rng(2)
+    own, attitude = sim.device(rng), sim.scattered(rng, N)
+    change = (np.arange(N)[:, None] >= N // 2) * np.array([1e-6, 0.5e-6, -0.5e-6])
+    for offset, what in ((True, "offset"), (False, "field")):
+        drift, field = change * offset, change * (not offset)
+        data = sim.rests(rng, attitude, own, drift=drift, disturbance=field)
+        tests = field_tests(fit(linked(rng, attitude, data)))
+        best = max((one for one in tests.scores if one.kind == "time"), key=lambda one: one.chi2)
+        assert best.name == f"step of the {what} at rest {N // 2 + 1}"
+
+
 def test_many_nodes_are_tested_in_stretches():
     rng = np.random.default_rng(5)
     own = sim.device(rng)

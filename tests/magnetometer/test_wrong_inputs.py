@@ -1,5 +1,6 @@
 """Each wrong statement or reading about magnetometers is refused in one line that names its key."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +92,13 @@ def test_readings_in_another_unit_are_refused_with_the_unit_that_fits(tmp_path: 
     assert inputs(tmp_path, {"sensor.magnetometer.unit": '"mG"'}).observations.magnetic is not None
 
 
+def test_one_accelerometer_in_another_unit_is_named(tmp_path: Path, made: Made):
+    force = made.force / [1.0, 1.0, 9.80665]
+    replace(made, force=force).write(tmp_path / "log.csv")
+    with refused(key="[sensor.accelerometer] unit", names=["az"]):
+        inputs(tmp_path)
+
+
 def test_a_constant_axis_is_refused(tmp_path: Path, made: Made):
     field = made.field.copy()
     field[:, 1] = 3.0
@@ -156,6 +164,18 @@ def test_a_field_that_is_stated_wrong_gives_reservations(
 
 
 @pytest.mark.slow
+def test_a_field_stated_almost_twice_as_large_is_blamed_for_all_axes(tmp_path: Path, made: Made):
+    made.write(tmp_path / "log.csv")
+    stated = {"bench.field": '"84 µT ± 0.2 µT"', "bench.gravity": '"9.81 m/s² ± 0.1 mm/s²"'}
+    first, cause, after, *_ = calibrate_run(
+        read(run_file(tmp_path, stated)), advise=False
+    ).verdict.lines
+    assert "each magnetometer" in first
+    assert "stated field" in cause
+    assert "check [bench] field" in after
+
+
+@pytest.mark.slow
 def test_magnetometers_whose_times_are_far_off_are_named(tmp_path: Path, made: Made):
     field = np.roll(made.field, round(0.15 / float(np.median(np.diff(made.time)))), axis=0)
     parts = (made.time, made.force, made.rate, field, made.true_field, made.rest)
@@ -163,6 +183,8 @@ def test_magnetometers_whose_times_are_far_off_are_named(tmp_path: Path, made: M
     stated = {"bench.gravity": '"9.81 m/s² ± 0.1 mm/s²"'}
     outcome = calibrate_run(read(run_file(tmp_path, stated)), advise=False)
     assert "delay" in outcome.verdict.warned
+    assert "ms later than the other sensors'" in outcome.verdict.lines[1]
+    assert outcome.verdict.lines[2] == "Next: correct the times."
     assert outcome.verdict.grade != "consistent"
 
 

@@ -13,6 +13,7 @@ import inercal
 from inercal.basics.errors import InputError
 from inercal.noise.pieces import Part, gap_oadev
 from inercal.noise.sensor_noise import require_stated
+from inercal.noise.texts import channel_remarks
 from inercal.recordings import Recording
 from inercal.recordings.io.audit import audit
 
@@ -40,6 +41,9 @@ def test_a_band_that_is_skipped_leaves_n_as_it_is_without_the_vibration():
     ).channels
     assert not whole.goodness.fits
     assert whole.goodness.worst_band == pytest.approx((4, 5), abs=0.2)
+    assert any("--skip-band" in one for one in channel_remarks(whole))
+    below = replace(whole, band=2.0)  # the fit already stops below the vibration
+    assert not any("--skip-band" in one for one in channel_remarks(below))
     assert whole.value("N") > 1.1 * true
     assert found.value("N") == pytest.approx(true, rel=0.01)
     assert found.goodness.worst_band is None

@@ -30,6 +30,25 @@ def test_all_that_a_log_lacks_is_said_at_once_by_its_own_columns(tmp_path: Path)
         assert text in done.error
 
 
+@pytest.mark.parametrize(("unit", "step"), [("s", 0.01), ("ms", 10)])
+def test_a_unit_of_time_that_nobody_stated_is_said(tmp_path: Path, unit: str, step: float):
+    path = unnamed_log(tmp_path)
+    stated = {
+        "data.time": "uhr",
+        "data.accelerometer": "F1,F2,F3",
+        "sensor.accelerometer.unit": "g",
+    }
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    table[:, 0] = np.arange(200) * step
+    np.savetxt(path, table, "%.6g", ",", header="uhr,F1,F2,F3,R1,R2,R3", comments="")
+    told = [one.what for one in read_rest_recording(path, stated).findings]
+    assert ("time unit" in told) == (unit == "ms")
+    stated["data.time_unit"] = unit
+    assert not [
+        one for one in read_rest_recording(path, stated).findings if one.what == "time unit"
+    ]
+
+
 def test_two_run_files_to_write_are_refused_and_none_is_written(tmp_path: Path):
     log, files = unnamed_log(tmp_path), (tmp_path / "a.toml", tmp_path / "b.toml")
     done = run_program("noise", log, "--write", files[0], "--write", files[1])

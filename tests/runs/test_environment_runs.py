@@ -148,7 +148,12 @@ def test_orders_that_are_too_low_are_named(soaked: tuple[Path, Outcome], tmp_pat
     )
     outcome = calibrate_run(read(run), advise=False)
     assert outcome.estimate.chi2 / outcome.estimate.dof > 100
-    assert any(finding.what == "temperature_order" for finding in outcome.findings)
+    (found,) = [one for one in outcome.findings if one.what == "temperature_order"]
+    assert '"auto"' in found.message
+    assert outcome.temperature_fit is not None
+    highest = replace(outcome.temperature_fit, orders={"f": (3, 2, 1)})
+    (found,) = [one for one in highest.findings if one.what == "temperature_order"]
+    assert '"auto"' not in found.message
 
 
 @pytest.mark.slow
@@ -463,6 +468,19 @@ def test_a_soak_at_another_temperature_than_recorded_is_named(tmp_path: Path):
     (found,) = [one for one in outcome.findings if one.what == "soak"]
     assert "the soak at 30.1 °C does not fit" in found.message
     assert "30.1 °C" in outcome.verdict.lines[0]
+
+
+@pytest.mark.slow
+def test_a_thermometer_that_is_stuck_over_several_soaks_is_named(tmp_path: Path):
+    path = simulated(tmp_path, SOAKS)
+    with np.load(tmp_path / "soaks.npz", allow_pickle=False) as stored:
+        columns = dict(stored)
+    name = next(key for key in columns if key.startswith("temp"))
+    columns[name] = np.minimum(columns[name], 45.0)
+    np.savez(tmp_path / "soaks.npz", **columns)
+    outcome = calibrate_run(read(path), advise=False)
+    assert "thermometer was stuck" in outcome.verdict.lines[1]
+    assert not any('"auto"' in line for line in outcome.verdict.lines)
 
 
 def test_a_ramp_needs_no_bench(tmp_path: Path):

@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError
 from inercal.physics.sensors import G0, Noise, Readout, imu
 from inercal.recordings import Mark, Recording
 from inercal.recordings.segments import require_still
@@ -113,3 +114,13 @@ def test_accepting_a_section_that_is_none_or_still_is_refused():
         require_still(recording(data), SENSOR, MARKS, ["p99"])
     with refused(key="[data] accept_moving", names=["p02"]):
         require_still(recording(data), SENSOR, MARKS, ["p02"])
+
+
+def test_a_single_wild_reading_is_named_with_its_time():
+    data = session(5)
+    data[2 * N + 300, 2] += 80.0
+    with pytest.raises(InputError, match=r"az at 23 s, .* far from all others"):
+        require_still(recording(data), SENSOR, MARKS)
+    data[2 * N + 300 : 2 * N + 400, 2] = data[2 * N + 300, 2]
+    with pytest.raises(InputError, match="section p02 moves"):
+        require_still(recording(data), SENSOR, MARKS)

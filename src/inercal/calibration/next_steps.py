@@ -15,6 +15,7 @@ from inercal.estimation.scores import (
     BURST_AT,
     COMMON_DRIFT,
     HYSTERESIS,
+    MAGNETIC_STEP,
     SIGNIFICANCE_LEVEL,
     SLOW_NOISE,
 )
@@ -76,11 +77,13 @@ def steps_on_cause(
             f"{look} the connection of this axis, and its sign, unit and scale in the run file."
         )
     row, suspect, best = assessment.row, assessment.suspect, assessment.best
-    if suspect is None and best is not None and best.name.startswith(HYSTERESIS):
-        suspect = best  # it hides all other causes
-    elif suspect is None and best is not None and best.chi2 > best.remaining_chi2:
-        confirmed = is_estimable(best, possible) and advisor.on_cause(best).changes
-        suspect = best if confirmed else None
+    if suspect is None and best is not None:
+        explains = best.chi2 > best.remaining_chi2
+        magnetic = best.name.startswith(MAGNETIC_STEP) and explains
+        if magnetic or best.name.startswith(HYSTERESIS):
+            suspect = best  # it hides all other causes
+        elif explains and is_estimable(best, possible) and advisor.on_cause(best).changes:
+            suspect = best
     rejecting = [one.name for one in assessment.rejecting_tests]
     slow = ()
     if any(name.startswith(COMMON_DRIFT) for name in rejecting):

@@ -134,6 +134,8 @@ def alternatives(
         cause_words(name, found[name].kind, found[name].components, sensor, expected)
         for name in one.indistinguishable
         if name not in one.other_rows
+        # A step of the magnetic field at a neighbouring time is the same cause.
+        and not (one.units[0] == "T" and name.partition(" at ")[0] == one.name.partition(" at ")[0])
     ]
 
 

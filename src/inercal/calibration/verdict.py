@@ -75,6 +75,8 @@ _UNIT_RATIO_TOLERANCE = 0.1  # relative tolerance for recognising a scale factor
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
 UNSEEN = "unseen"
 """`Finding.what` for an effect that a method cannot detect."""
+ALL_SCALES = "the stated field, or the unit or scale of all three magnetometers, is wrong"
+"""`Finding.cause` if all three magnetometers differ from the stated field by the same factor."""
 _NO_CAUSE = (
     "No single cause explains this: the noise is larger than stated, or several things are wrong."
 )
@@ -135,7 +137,8 @@ def verdict(
     assessment = assess(estimate, len(sensor.coefficients), possible)
     assessment = _refitted(assessment, estimate.score_tests.noise_dof, advisor, possible)
     row = _dominant_row(estimate, assessment)
-    far = dict(_scale_errors(estimate, sensor, row))
+    shared = any(one.cause == ALL_SCALES for one in findings)
+    far = dict(_scale_errors(estimate, sensor, row, shared=shared))
     graded = grade_estimate(estimate, sensor, assessment, findings, tuple(far))
     unseen = _undetectable(estimate, sensor, assessment)
     shown = "" if assessment.suspect is None else assessment.suspect.name
@@ -283,8 +286,13 @@ def _dominant_row(estimate: Estimate, assessment: Assessment) -> str:
     return row.name if row.chi2 > _MAIN_SHARE * estimate.score_tests.chi2 else ""
 
 
-def _scale_errors(estimate: Estimate, sensor: Sensor, row: str) -> Iterator[tuple[str, str]]:
-    """Yield a sentence, with a probable cause, for each scale factor far from nominal."""
+def _scale_errors(
+    estimate: Estimate, sensor: Sensor, row: str, *, shared: bool
+) -> Iterator[tuple[str, str]]:
+    """Yield a sentence, with a probable cause, for each scale factor far from nominal.
+
+    If the magnetometers have a `shared` cause, one sentence is about all of them.
+    """
     sds = np.sqrt(np.diag(estimate.covariance)).tolist()
     for name, value, sd in zip(sensor.coefficients, estimate.value.tolist(), sds, strict=False):
         axis, term = CoefficientName(name).parts
@@ -304,8 +312,13 @@ def _scale_errors(estimate: Estimate, sensor: Sensor, row: str) -> Iterator[tupl
             for ratio, words in ((G0, "m/s² stated as g"), (1 / G0, "g stated as m/s²")):
                 if abs(scale / ratio - 1) < _UNIT_RATIO_TOLERANCE:
                     cause = f"its column looks like {words}"
+        words = axis_words(sensor, axis)
+        if shared and sensor.measures[axis] == "m":
+            words, cause = "each magnetometer", ALL_SCALES
         times = f"{'−' * (scale < 0)}{two_digits(abs(scale))}"
-        yield f"the scale factor of {axis_words(sensor, axis)} is {times} times nominal", cause
+        yield f"the scale factor of {words} is {times} times nominal", cause
+        if cause == ALL_SCALES:
+            return  # the magnetometers come last
 
 
 def _first_line(word: str, why: str) -> str:

@@ -47,7 +47,7 @@ from inercal.noise.spectrum import (
 from inercal.noise.terms import TERMS
 from inercal.physics.sensors import G0
 from inercal.recordings import Recording
-from inercal.recordings.samples import INVALID_SAMPLES, merge_messages
+from inercal.recordings.samples import INVALID_SAMPLES, TIME_UNIT, merge_messages
 
 _MARGIN = 1.0  # s, excluded on both sides of a disturbance
 
@@ -220,6 +220,7 @@ def analyse_noise(
         candidate_models(terms), method, spacing, tuple(kinds), keep_disturbed, tuple(skipped_bands)
     )
     units = check_rest_units(recording, gravity)
+    assumed = [one.message for one in recording.findings if one.what == TIME_UNIT]
     pieces = split_at_gaps(recording)
     require_bands(skipped_bands, pieces.dt)
     channels = [_channel(recording, pieces, k, wanted) for k in range(len(recording.channels))]
@@ -227,7 +228,7 @@ def analyse_noise(
         recording.source,
         recording.duration,
         tuple(channels),
-        (*units, *pieces.remarks),
+        (*units, *assumed, *pieces.remarks),
         recording.sha256,
         movement(recording),
     )

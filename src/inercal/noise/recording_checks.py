@@ -49,6 +49,7 @@ _DEVIATIONS = 8.0  # a change must exceed this many sd (white noise) of a median
 _MEDIAN_ABS = 0.67449  # median absolute value of a normal deviate
 _MEDIAN_SD = 1.2533  # sd of a median over the sd of a mean, for normal deviates
 REFUSED, WARNED = 0.4, 1.5  # sd of the noise divided by the step
+_LEAST_RATIO = 0.01  # of a step; less cannot be told from rounding
 _LOOKED_AT = 100_000  # samples
 _EVEN = 1e-3  # of a step
 _LAGS = (1, 4, 16, 64)
@@ -164,7 +165,7 @@ def _turned_gravity(channels: list[_Windows], starts: Array) -> str:
     return (
         f"the accelerometers read {away[worst] / G0:.2g} g away from their median at "
         f"{starts[worst]:.6g} s, and more than {limit / G0:.2g} g away from it during "
-        f"{100 * np.count_nonzero(away > limit) / away.size:.0f} % of the time"
+        f"{100 * np.count_nonzero(away > limit) / away.size:.2g} % of the time"
     )
 
 
@@ -236,8 +237,9 @@ def check_rounding(parts: Sequence[Array], channel: str, source: str) -> tuple[s
         return ()
     ratio = noise_over_step(longest, step)
     if ratio < REFUSED:
+        size = f"only {ratio:.2g}" if ratio > _LEAST_RATIO else f"less than {_LEAST_RATIO:g}"
         raise InputError(
-            f"{where} is rounded to steps, and its noise is only {ratio:.2g} of a step. Below "
+            f"{where} is rounded to steps, and its noise is {size} of a step. Below "
             f"{REFUSED:g} rounding hides the noise; record with a finer resolution or a narrower "
             "range",
             file=source or None,

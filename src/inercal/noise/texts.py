@@ -120,7 +120,8 @@ def channel_remarks(channel: ChannelNoise) -> list[str]:
     found = [f"not to be relied on: {channel.disturbed}"] if channel.disturbed else []
     found.append(channel.goodness.verdict.replace("the model", model))
     found += [allan_minimum_text(channel), *filter_remarks(channel)]
-    if (band := channel.goodness.worst_band) is not None:
+    band = channel.goodness.worst_band
+    if band is not None and band[0] < channel.band:  # the fit already excludes what is above
         found.append("--skip-band {:.3g}-{:.3g} would exclude this band from the fit".format(*band))
     found += channel.remarks
     shown = SHOWN_UNIT[channel.quantity]

@@ -33,6 +33,7 @@ from inercal.recordings import Finding, merge_findings
 from inercal.recordings.data import EstimatorInput
 from inercal.recordings.io.mean_tables import check_repeated_rows
 from inercal.recordings.io.rest_norm import check_zero_rates
+from inercal.recordings.io.row_checks import copied_sections
 from inercal.runfile import Run
 
 _PART = 0.05  # of a section; a smaller part that is not used is not remarked
@@ -86,6 +87,8 @@ def _fitted(
     reported = any(one.what == "repeated" for one in inputs.findings)
     if inputs.recording is None and observations.track is None and not reported:
         findings += check_repeated_rows(observations, sensor)
+    if inputs.recording is not None:
+        findings += copied_sections(inputs.recording, inputs.marks)
     solver_sensor = inputs.sensor_of_samples(sensor)
     if thermal is not None:
         findings += thermal.findings

@@ -108,6 +108,8 @@ class TemperatureFit:
         Whether every polynomial passes through all soaks.
     higher : tuple of str
         Terms that the data ask for, with which every polynomial would pass through all soaks.
+    double : float or None
+        Temperature of a soak with twice as many rows as the median of the soaks, K.
     """
 
     soaks: NDArray[np.float64]
@@ -120,10 +122,20 @@ class TemperatureFit:
     drift: float = np.nan
     untested: bool = False
     higher: tuple[str, ...] = ()
+    double: float | None = None
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Warnings about orders that are too low, and soaks that the other soaks do not predict."""
+        too_large = bool(self.orders) and self.ratio > _TOO_LOW
+        exhausted = bool(self.tests) or MAX_ORDERS in self.orders.values()
+        if self.double is not None and too_large and exhausted:
+            text = (
+                f"the soak at {self.double - ZERO_CELSIUS:.1f} °C has at least twice as many rows "
+                "as the others, so it may be two soaks; check the temperature of each soak"
+            )
+            cause = "the thermometer was stuck or lost its sign, so two soaks look like one"
+            return (Finding("warning", WRONG_SOAK, text, cause=cause),)
         if self.untested:
             text = (
                 "no soak is left to test the others, because the polynomials in temperature pass "
@@ -138,11 +150,17 @@ class TemperatureFit:
                 "temperature of each soak, or add a soak"
             )
             return (Finding("warning", SOAK_OR_ORDER, text),)
-        if self.orders and self.ratio > _TOO_LOW:
+        if too_large:
+            size = f"χ²/ν is {chi2_text(self.ratio)}"
             text = (
-                f"the orders in temperature are too low: χ²/ν is {chi2_text(self.ratio)}; state "
-                'higher ones, or [method] temperature_order = "auto"'
+                f"the orders in temperature are too low: {size}; state higher ones, or [method] "
+                'temperature_order = "auto"'
             )
+            if exhausted:
+                text = (
+                    f"no possible order in temperature explains the data: {size}; check the "
+                    "temperature of each soak, and the lag of the thermometer"
+                )
             return (Finding("warning", "temperature_order", text),)
         known = [one for one in self.left_out if one.components]
         wrong = [one for one in known if one.ratio > _UNRELIABLE_RATIO * _bound(one)]
@@ -217,6 +235,13 @@ def _wrong_soak(wrong: Sequence[SoakLeftOut]) -> Finding:
     return Finding("refused", WRONG_SOAK, text)
 
 
+def _double_soak(observations: Observations) -> float | None:
+    """Return the temperature of the soak with twice as many rows as the median soak, K."""
+    rows = np.bincount(soaks.soak_numbers(observations))
+    double = rows.max() >= 2 * np.median(rows)
+    return float(soaks.soak_temperatures(observations)[rows.argmax()]) if double else None
+
+
 def _bound(one: SoakLeftOut) -> float:
     """Return the largest ratio that chance may cause: two standard deviations of χ²/n."""
     return float(np.sqrt(1 + 2 * np.sqrt(2 / one.components)))
@@ -285,6 +310,7 @@ def fit_over_temperatures(
         np.nan if rates is None else float(np.abs(rates * observations.duration).max()),
         is_untested(run.sensor, levels),
         last_terms(run.sensor, levels, final, partial(solver.solve, observations)),
+        _double_soak(observations),
     )
     return run, replace(inputs, observations=observations), found
 

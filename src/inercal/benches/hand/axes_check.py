@@ -12,7 +12,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.physics.sensors import Sensor
+from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Finding, Mark, Recording
 from inercal.recordings.data import RestsSection, RunBase
 from inercal.recordings.data.recording_loader import unsigned_column
@@ -30,6 +30,7 @@ _UNKNOWN = (
     "one known axis up and compare, or state the marks"
 )
 
+_NEAR_UNIT = 0.8  # share of 9.8 above which the change of an axis looks like another unit
 _MANY_TURNS = 5  # more than these agree with some order of the axes, unless it changes
 NO_TURNS = (
     "the movements between the sections could not be compared with gravity, for example because "
@@ -65,6 +66,7 @@ def check_axes(
     turns = read_gravity_turns(recording, run.sensor, ordered)
     found = judge_turns(turns, others=run.data.marks == "found")
     if found.agree is None and found.turns > _MANY_TURNS:
+        _require_equal_units(run, recording, rests)
         text = f"{found.turns} turns between rests agree with no order and signs of the axes: "
         text += changed_scale(recording, run.sensor, ordered) or (
             "columns may be exchanged or wrong in a part of the recording"
@@ -125,6 +127,33 @@ def changed_scale(recording: Recording, sensor: Sensor, rests: Sequence[Mark]) -
         f"{names[k]} reads {factor:g} times as much from {start:.6g} s on, as if its range was "
         "switched; calibrate each part as a file of its own"
     )
+
+
+def _require_equal_units(
+    run: RunBase[RestsSection], recording: Recording, rests: Sequence[Mark]
+) -> None:
+    """Raise an error if one accelerometer is in m/s² and the others are in g, or vice versa."""
+    force = run.sensor.select_axes("f")
+    columns = [recording.channels.index(name) for name in force.channels]
+    means = [recording.data[one.start : one.stop, columns].mean(axis=0) for one in rests]
+    scales = np.array([axis.readout.scale for axis in force.axes])
+    reach = np.ptp(np.array(means) / scales, axis=0)
+    if not reach.all():
+        return
+    ratio = reach / np.median(reach)
+    factor = np.maximum(ratio, 1 / ratio)
+    far = np.flatnonzero(factor > _NEAR_UNIT * G0).tolist()
+    if len(far) == 1 and factor[far[0]] < G0 / _NEAR_UNIT:
+        name = force.channels[far[0]]
+        size = f"{factor[far[0]]:.2g} times {'more' if ratio[far[0]] > 1 else 'less'}"
+        raise InputError(
+            f"{recording.source or run.data.file}: {name} changes {size} between the rests than "
+            "the other accelerometers, as if one is in g and the others in m/s²; convert its "
+            "column to the unit of the others",
+            file=run.file(run.data.file),
+            key="[sensor.accelerometer] unit",
+            names=(name,),
+        )
 
 
 def _with_columns(change: str, run: RunBase[RestsSection]) -> str:

@@ -2,8 +2,9 @@
 
 The nodes are divided into at most 64 stretches. These candidates are tested: a step of the field
 between two stretches, a drift of the offsets, a drift of the strength, and another field during one
-stretch (one rest, if there are few nodes). The turns of the nodes absorb a part of each. For
-example, nodes without links show only two of the three components of a step.
+stretch (one rest, if there are few nodes). If the residuals are far too large, a step of the
+offsets is also tested. The turns of the nodes absorb a part of each. For example, nodes without
+links show only two of the three components of a step.
 
 The products of all columns after the elimination of the turns are sufficient for the tests, so
 their cost grows in proportion to the number of nodes.
@@ -21,6 +22,7 @@ from inercal.methods.magnetic_field.fitting import FieldFit
 from inercal.methods.magnetic_field.rows import Solution
 
 _MOST_STRETCHES = 64
+_FAR = 4.0  # χ²/ν above which more causes are tested; each test lowers the power of the others
 _ABSORBED = 1e-9  # share of a component's square, below which it is absorbed
 
 
@@ -49,18 +51,20 @@ def field_tests(fit: FieldFit) -> ScoreTestSet:
 
 
 def _columns(solution: Solution, edges: Indices) -> Array:
-    """Return whitened columns (n, 3, k): the field in each stretch, and two drifts.
+    """Return whitened columns (n, 3, k): the field and offset in each stretch, and two drifts.
 
-    A stretch has three columns (north, west and up), the offset three and the strength one.
+    A stretch has three columns (north, west and up) for the field and three (x, y and z) for the
+    offset; the drifts of the offset have three, and that of the strength one.
     """
     problem, state = solution.problem, solution.state
     n, stretches = len(problem.nodes.labels), len(edges) - 1
     white = problem.reading_whitener
     matrices = problem.model.matrices(state.coefficients, problem.nodes.temperature)
     gain = white @ matrices[:, :, :3]
-    columns = np.zeros((n, 3, stretches, 3))
+    columns = np.zeros((n, 3, 2, stretches, 3))
     at = np.searchsorted(edges, np.arange(n), side="right") - 1
-    columns[np.arange(n), :, at] = gain @ state.attitude.mT
+    columns[np.arange(n), :, 0, at] = gain @ state.attitude.mT
+    columns[np.arange(n), :, 1, at] = white
     time = problem.nodes.time
     span = float(np.ptp(time)) or 1.0
     part = ((time - time.mean()) / span)[:, None, None]
@@ -80,12 +84,15 @@ def _candidates(fit: FieldFit, edges: Indices, spread: Array) -> Iterator[Candid
         if len(problem.directions.node)
         else ("component 1", "component 2", "component 3")
     )
-    stretch = spread[: 3 * count].reshape(count, 3, -1)
-    drift = spread[3 * count :]
+    stretch, offset = spread[: 6 * count].reshape(2, count, 3, -1)
+    drift = spread[6 * count :]
     for k in range(2, count - 1):
         at = f"at {labels[edges[k]]}"
         rows = stretch[k:].sum(axis=0)
         yield _candidate(f"step of the field {at}", "time", ways, rows)
+        if fit.chi2 > _FAR * fit.dof:
+            rows = offset[k:].sum(axis=0)
+            yield _candidate(f"step of the offset {at}", "time", problem.model.axes, rows)
     yield _candidate("drift of the offset", "time", problem.model.axes, drift[:3])
     yield Candidate("drift of the strength", "time", ("drift of the strength",), ("1",), drift[3:])
     bounds: list[int] = edges.tolist()

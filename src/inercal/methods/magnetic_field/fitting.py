@@ -34,6 +34,7 @@ _LOUD = 0.1  # noise of a reading over the change of the readings
 _NEGLIGIBLE = 0.1  # smallest weight that the name of a direction lists
 _LEVEL = 0.95
 _LARGEST_INHOMOGENEITY = 0.05
+_NO_FIELD = 0.15  # inhomogeneity above which the readings look random
 _LEAST, _MOST = float(np.log(1e-5)), 0.0  # of ln τ
 _UNIT_ERROR = 9.0  # factor between the stated and the fitted field that shows a wrong unit
 
@@ -134,7 +135,11 @@ def fit_field(
     _require_unit(free_dip, found[0])
     first = rows.best_solution(free_dip, found)
     dip_sd = _require_determined(first, problem)
-    state, notes = oriented(model, first.state, conditions, dip_sd)
+    try:
+        state, notes = oriented(model, first.state, conditions, dip_sd)
+    except InputError:  # name other axes only if the readings agree with some axes
+        _require_homogeneous(_inhomogeneity(first, float(problem.dof))[0])
+        raise
     plain = rows.solve(problem, state)
     singular = _singular_values(plain)
     tau, last = 0.0, plain
@@ -267,6 +272,11 @@ def _not_observed(names: list[str], null: Array, *, moving: bool) -> NotObserved
 
 
 def _require_homogeneous(tau: float) -> None:
+    if tau > _NO_FIELD:
+        raise InputError(
+            "the magnetometer's readings agree with the attitudes for no order and signs of its "
+            "axes: they may belong to another recording; check the file, columns and times"
+        )
     if tau > _LARGEST_INHOMOGENEITY:
         raise InputError(
             f"the field differs within the recording by {100 * tau:.3g} % (1 σ per component), more"

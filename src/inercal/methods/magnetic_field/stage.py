@@ -21,7 +21,7 @@ from inercal.basics.keys import CoefficientName
 from inercal.basics.units import Measured, format_number, format_quantity
 from inercal.benches import Hand
 from inercal.calibration.delays import delay_words
-from inercal.calibration.verdict import UNSEEN
+from inercal.calibration.verdict import ALL_SCALES, UNSEEN
 from inercal.estimation import Estimate, ResidualGroup, ScoreTestSet
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.residual_scatter import LEAST_RATIO, LEVEL, ScatterModel
@@ -40,6 +40,7 @@ DELAY = "delay"
 _FAR_DELAY = 3  # DELAY_SD
 STATED_NOISE = "the noise stated in [sensor.magnetometer]"
 _OWN = ("dip", "strength")
+_ALIKE = 0.25  # relative range of three scale factors that a common cause and soft iron explain
 _FAR_SCALE = 0.1  # mean scale-factor error of three axes; usual magnetometers are within 5 %
 _HEMISPHERES: dict[int, records.Hemisphere | None] = {1: "north", -1: "south", 0: None}
 _UNSEEN = (
@@ -99,8 +100,9 @@ def add_magnetometers(
     remarks = field_remarks(whole, found, stated)
     late = float(whole.value[whole.names.index(DELAY)]) if DELAY in whole.names else 0.0
     if abs(late) > _FAR_DELAY * DELAY_SD:  # the turn during the delay is no longer a small angle
-        text = f"{delay_words('m', Measured(late, 0.0))}; correct the times"
-        remarks = remarks._replace(findings=(*remarks.findings, Finding("warning", "delay", text)))
+        cause = delay_words("m", Measured(late, 0.0))
+        finding = Finding("warning", "delay", f"{cause}; correct the times", cause=cause)
+        remarks = remarks._replace(findings=(*remarks.findings, finding))
     return whole, remarks
 
 
@@ -136,7 +138,8 @@ def field_remarks(estimate: Estimate, found: FieldFit, stated: str) -> Remarks:
             f"the magnetometers read {100 * abs(mean):.0f} % {'more' if mean > 0 else 'less'} than "
             "the stated field; check [bench] field, and unit and scale of [sensor.magnetometer]"
         )
-        findings.append(Finding("warning", "units", text))
+        alike = np.ptp(scales) < _ALIKE * (1 + mean)
+        findings.append(Finding("warning", "units", text, cause=ALL_SCALES if alike else ""))
     small = chdtr(found.dof, found.chi2) < LEVEL and found.chi2 > 0
     if stated and small and (ratio := (found.dof / found.chi2) ** 0.5) >= LEAST_RATIO:
         text = (

@@ -32,7 +32,7 @@ from inercal.pipeline.drafts.stated_keys import (
     stated_triad,
     stated_values,
 )
-from inercal.recordings import Recording
+from inercal.recordings import Finding, Recording
 from inercal.recordings.io.audit import NonfinitePolicy
 from inercal.recordings.io.column_table import Column, Table
 from inercal.recordings.io.isolation import MOST_VALUES_KEY
@@ -41,6 +41,7 @@ from inercal.recordings.io.readers import known_options
 from inercal.recordings.io.table_recording import Columns
 from inercal.recordings.io.table_start import may_be_number
 from inercal.recordings.io.wrapped_numbers import are_counts, signed_counts, unsigned_bits
+from inercal.recordings.samples import TIME_UNIT
 from inercal.recordings.segments.magnetic_means import new_value_rows
 from inercal.recordings.temperature import first_impossible
 from inercal.runfile.schema import ReadoutSection
@@ -159,6 +160,14 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
             "with the time in seconds: convert it, or give a part of it",
             key=_TOO_LONG,
         ).located(log) from error
+    unit = layout.columns.time_unit
+    if "data.time_unit" not in stated and unit not in (None, "s", "sample"):
+        text = (
+            f"column {layout.columns.time} was read in {unit}, as its steps or its name suggest; "
+            "state another unit with --set data.time_unit"
+        )
+        note = Finding("note", TIME_UNIT, text)
+        recording = replace(recording, findings=(*recording.findings, note))
     return in_si(recording, layout.readouts, layout.units)
 
 

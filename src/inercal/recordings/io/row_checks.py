@@ -3,14 +3,14 @@
 Each check returns findings and, if it changes the rows, which samples to keep and in which order.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from inercal.basics.arrays import Array, Bools
 from inercal.basics.units import format_count
-from inercal.recordings import Finding, Indices, Recording
+from inercal.recordings import Finding, Indices, Mark, Recording
 from inercal.recordings.io.column_table import TOO_LARGE, row_blocks
 
 _OFTEN = 0.3  # share of the samples that have the stamp of the one before, in bursts
@@ -77,7 +77,8 @@ def check_time_order(recording: Recording, where: SampleLocator) -> RowCheck:
         length = np.diff(start, append=labels.size)
         keep = np.argsort(np.repeat(place, length), kind="stable")
         if (np.diff(recording.time[keep]) >= 0).all():
-            text = f"{start.size} labelled sections were out of order in time and were sorted"
+            count = np.count_nonzero(labels[start])  # without the times between sections
+            text = f"the {count} labelled sections were out of order in time and were sorted"
             return RowCheck([Finding("note", "order", text)], keep)
     worst = int(back[0])
     others = f", and at {format_count(back.size - 1, 'more place')}" if back.size > 1 else ""
@@ -150,3 +151,28 @@ def _repeats_previous_row(recording: Recording, samples: Indices) -> Bools:
     for name in recording.readback:
         same &= before.readback[name] == after.readback[name]
     return same
+
+
+def copied_sections(recording: Recording, marks: Sequence[Mark]) -> tuple[Finding, ...]:
+    """Return a warning if sections have exactly the same samples as others, and are then copies.
+
+    Parameters
+    ----------
+    recording : Recording
+    marks : sequence of Mark
+        The sections. A section whose readings are all constant is not judged.
+    """
+    seen: dict[tuple[int, bytes, bytes], Mark] = {}
+    copies: list[str] = []
+    for mark in marks:
+        data = recording.data[..., mark.start : mark.stop, :]
+        ends = (data[..., 0, :].tobytes(), data[..., -1, :].tobytes())
+        first = seen.setdefault((mark.stop - mark.start, *ends), mark)
+        same = recording.data[..., first.start : first.stop, :]
+        if first is not mark and np.array_equal(same, data) and np.ptp(data, axis=-2).any():
+            copies.append(f"{first.label} and {mark.label}")
+    if not copies:
+        return ()
+    more = f" (and {format_count(len(copies) - 1, 'more pair')})" if len(copies) > 1 else ""
+    text = f"{copies[0]}{more} have exactly the same samples; remove the copy"
+    return (Finding("warning", "copies", text),)

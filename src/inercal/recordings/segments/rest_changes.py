@@ -45,6 +45,7 @@ _OWN_SCATTER_FACTOR = 10.0
 _LARGE = 100.0  # usual scatters; the noise in one position does not exceed the others by this much
 _COMMON, _MIN_SECTIONS = 3.0, 4  # times the usual range; sections that define it
 _QUANTA = 2.5
+_SINGLE = 5.0  # times as far from the median as any other sample: a wrong digit, not a motion
 # Smaller changes are not motion, however quiet the sensor: 0.1 mrad of tilt, 2 °/h.
 _FLOOR = {"f": 1e-4 * G0, "w": 1e-5}
 
@@ -135,15 +136,28 @@ def require_still(
             message = f"{text}; [data] accept_moving accepts it"
             findings.append(Finding("warning", "moving", message, None, mark.start, mark.stop))
         else:
+            advice = "mark only the time at rest, or name the section in [data] accept_moving"
+            text = _single_sample(recording, columns[int(k)], mark) or f"{text}; {advice}"
             refused.append((change / allowed, text, mark.label))
     if refused:
         _, text, label = max(refused)
-        raise InputError(
-            f"{recording.source}: {text}; mark only the time at rest, or name the section in "
-            "[data] accept_moving",
-            names=(label,),
-        )
+        raise InputError(f"{recording.source}: {text}", names=(label,))
     return tuple(findings)
+
+
+def _single_sample(recording: Recording, column: int, mark: Mark) -> str:
+    """Describe the sample that is far from all others of a section; empty if there is none."""
+    values = recording.data[..., mark.start : mark.stop, column]
+    away = np.abs(values - np.median(values)).ravel()
+    near, most = np.partition(away, -2)[-2:]
+    if values.ndim > 1 or most < _SINGLE * near:
+        return ""
+    at = int(np.argmax(away))
+    return (
+        f"section {mark.label}: the reading of {recording.channels[column]} at "
+        f"{recording.time[mark.start + at]:.6g} s, {values[at]:.6g}, is far from all others of "
+        "this section; correct it, or remove its row"
+    )
 
 
 def _block_statistics(
