@@ -42,7 +42,7 @@ def test_files_of_a_job_are_charted_by_its_day(folder: Path, tmp_path: Path):
     ended = run_program("control", *files(folder), "--reference", "8", "--out", tmp_path, "--json")
     assert ended.status == 0, ended.error
     found = json.loads(ended.output)
-    assert found["reference"] == {"days": 8, "until": day(7)}
+    assert found["reference"] == {"days": 8, "until": day(7), "shift": None}
     assert [one["in_control"] for one in found["points"]] == [True, True, False, False]
     assert found["episodes"] == [{"since": day(9), "until": None}]
     assert "ax.k0" in found["points"][2]["signals"]["Shewhart"]

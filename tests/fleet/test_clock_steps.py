@@ -74,15 +74,15 @@ def change(folder: Path, rng: random.Random) -> None:
     """Do what a user does to a line between two calls."""
     name = rng.choice(NAMES)
     path = folder / "recordings" / f"{name}.npz"
-    kind = rng.randrange(7)
+    kind, number = rng.randrange(7), 10 * NAMES.index(name) + 10 + rng.randrange(3)
     if kind < 2:
         text = TEMPLATE.replace("0.1 °", rng.choice(["0.1 °", "0.2 °", "0.3 °"]))
         (folder / "run.toml").write_text(text, encoding="utf-8")
     elif kind == 2:
-        write_recording(path, rng.randrange(3))
+        write_recording(path, number)
     elif kind == 3 and path.exists():  # a logger without a clock: equal size, equal time
         before = path.stat()
-        write_recording(path, rng.randrange(3))
+        write_recording(path, number)
         os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
     elif kind == 4:
         path.unlink(missing_ok=True)

@@ -109,7 +109,7 @@ def _fitted(
         require_possible_rows(run.path, observations, sensor, bench, inputs.steps)
         flaws = _flaws_in_words(inputs.findings)
         located = error.located(f"{run.path}{flaws}", file=run.path)
-        causes = "" if flaws else _possible_causes(inputs, sensor, zero_rates, error)
+        causes = _possible_causes(inputs, sensor, zero_rates, error, brief=bool(flaws))
         if isinstance(error, NotObserved):
             causes = f"{large_uncertainties(run, expected)}{causes}"
         located.args = (f"{located}{_usable_also(run, error)}{causes}",)
@@ -369,12 +369,20 @@ def _flaws_in_words(findings: Sequence[Finding]) -> str:
 
 
 def _possible_causes(
-    inputs: EstimatorInput, sensor: Sensor, zero_rates: Sequence[Finding], error: InercalError
+    inputs: EstimatorInput,
+    sensor: Sensor,
+    zero_rates: Sequence[Finding],
+    error: InercalError,
+    *,
+    brief: bool,
 ) -> str:
-    """Suggest why the estimator refused the data: wrong units, temperatures or rests."""
-    causes = [finding.message for finding in inputs.findings if finding.what == "missing"]
+    """Suggest why the estimator refused the data: wrong units, temperatures or rests.
+
+    If `brief`, the rests and the missing samples are left out, because a better cause is known.
+    """
+    causes = [one.message for one in inputs.findings if one.what == "missing" and not brief]
     if inputs.rests is not None:
-        causes.append(inputs.rests.finding.message)
+        causes += [] if brief else [inputs.rests.finding.message]
         from inercal.recordings.segments.attitudes import clock_difference  # loads the kernels
 
         assert inputs.recording is not None
