@@ -177,9 +177,9 @@ def require_extra(extra: str, what: str, packages: tuple[str, ...]) -> Generator
 
 
 def missing_extra(error: ImportError) -> MissingExtra | None:
-    """Return the error that names the extra of a package that cannot be imported.
+    """Return the error that says which extra to install for a package that is missing.
 
-    Return None if no extra contains the package. The extras come from the metadata of inercal.
+    The extras are those in the metadata of inercal. If none contains the package, return None.
     """
     from importlib.metadata import requires  # most programs need no metadata
 

@@ -59,8 +59,8 @@ class LineStatus:
     failing : mapping of str to str
         The result of [specification] of each sensor that fails it, by sensor id.
     beyond : mapping of str to str
-        The coefficients beyond their limits of each sensor in `failing`, separated by commas; empty
-        for results of earlier versions.
+        Names of the coefficients that are beyond their limits, separated by commas, by the id of
+        each sensor in `failing`.
     large_u : mapping of str to (str, float)
         The coefficient whose U is unusually large and the ratio of this U to the median of the
         line, by sensor id.
@@ -104,7 +104,7 @@ class LineStatus:
         large = {k: {"coefficient": of, "ratio": r} for k, (of, r) in self.large_u.items()}
         return {
             "reservations": dict(self.reservations), "failing": dict(self.failing),
-            "beyond": {name: of.split(", ") for name, of in self.beyond.items() if of},
+            "beyond": {name: of.split(", ") for name, of in self.beyond.items()},
             "large_u": large,
             "common": list(self.common), "unlisted": list(self.unlisted),
         }  # fmt: skip
@@ -122,7 +122,7 @@ class LineStatus:
             for why, names in _by_value(self.reservations).items()
         ]
         failing = {
-            name: f"{result} by [specification]{f': {of}' if (of := self.beyond[name]) else ''}"
+            name: f"{result} by [specification]: {self.beyond[name]}"
             for name, result in self.failing.items()
         }
         beyond = [f"{_some(names)}: {text}" for text, names in _by_value(failing).items()]

@@ -94,7 +94,10 @@ def check_axes(
 
 
 def changed_scale(recording: Recording, sensor: Sensor, rests: Sequence[Mark]) -> str:
-    """Return which accelerometer's range was switched if this explains all norms, otherwise "".
+    """Say which accelerometer's range was switched during the recording.
+
+    Return "" unless a switch of one axis, by one of the usual ratios of ranges, makes the norms of
+    all rests equal.
 
     Parameters
     ----------

@@ -269,14 +269,18 @@ def _planned_sections(
 def _unused_label_findings(marks: Sequence[Mark], labels: Sequence[str]) -> tuple[Finding, ...]:
     """Return findings on labels that name no step; a warning for one that resembles a step."""
     names = [name for name in dict.fromkeys(mark.label for mark in marks) if name not in labels]
+
+    def seems_meant(name: str) -> bool:
+        return any(name.startswith(label) or label.startswith(name) for label in labels)
+
     return tuple(
         Finding(
-            "warning" if any(n.startswith(m) or m.startswith(n) for m in labels) else "note",
+            "warning" if seems_meant(name) else "note",
             "label",
-            f"the section {n!r} is not used, because it names no step; a second visit is "
+            f"the section {name!r} is not used, because it names no step; a second visit is "
             'written "x_p (2)"',
         )
-        for n in names
+        for name in names
     )
 
 

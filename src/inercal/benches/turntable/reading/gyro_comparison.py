@@ -11,10 +11,10 @@ p, q and c nonlinearities. τ is the delay of the readback relative to the gyros
 second-order lag. Each gyro has its own parameters. The parameters start with the standard
 deviations below, and every window without a fault narrows them, so that a turn is compared with all
 turns before it. Biases may wander by 0.002 °/s and the stated instability. The readback's clock may
-run at any rate within its stated uncertainty, which changes τ in proportion to the time. The noise
-consists of the gyros' noise (stated, or as seen in the window if that is more), the rounding errors
-of coarse readings and the readback's noise. If an interpolated readback nearly stands still, its
-angle is taken to be within 10″.
+run at any steady rate within its stated uncertainty, which changes τ in proportion to the time, and
+this rate may change from window to window. The noise consists of the gyros' noise (stated, or as
+seen in the window if that is more), the rounding errors of coarse readings and the readback's
+noise. If an interpolated readback nearly stands still, its angle is taken to be within 10″.
 
 With r = g − v minus its prediction, and W the inverse of its covariance, a fault with the signature
 s has the significance sᵀ W r / √(sᵀ W s). The signatures are, for each axis, a step at a knot, a
@@ -220,8 +220,8 @@ class GyroComparison:
         if knots.dt.size < _FEWEST:
             return []
         self._begin = min(self._begin, float(knots.time[0]))
-        delay = knots.columns[..., 1:2]  # which the clock changes steadily
-        drift = delay * (knots.time - self._begin)[:, None]
+        # A steady rate of the clock is a delay that grows with time.
+        drift = knots.columns[..., 1:2] * (knots.time - self._begin)[:, None]
         columns = np.concatenate([knots.columns, drift], axis=-1)
         residual = knots.difference - np.einsum("gnp,gp->gn", columns, self._mean)
         windows = max((knots.end - self._known) / _WINDOW, 1.0)
