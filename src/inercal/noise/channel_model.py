@@ -313,9 +313,12 @@ def _refused(model: NoiseModel, cause: str) -> NoiseModel:
 def _warm_up(one: ChannelSummary, model: NoiseModel) -> float:
     """Return by how much a warm-up, not a random walk, changes the bias; 0 if there is none."""
     fit = model.selection.fit
-    if "K" not in fit.symbols or one.low_values is None or model.drift is not None:
+    if "K" not in fit.symbols or one.low_values is None:
         return 0.0
-    return warm_up_size(one.low_values, one.spectra, model.bins, fit)
+    drift = () if model.drift is None else model.drift.terms
+    taken = {term.name: one.regressors[term.name] for term in drift}
+    loss = fit.loss if model.drift is None else model.drift.loss
+    return warm_up_size(one.low_values, one.spectra, taken, model.bins, fit, loss)
 
 
 def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -> ChannelNoise:
@@ -341,9 +344,15 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
         remarks = undetermined(selection, one.longest * one.dt)
         if size := _warm_up(one, model):
             text = format_quantity(abs(size), 0.0, SHOWN_UNIT[one.quantity], 2)
+            recorded = "temperature" in one.regressors
+            advice = (
+                "The recorded temperature does not explain it: start the recording later"
+                if recorded
+                else "Record its temperature, or start the recording later"
+            )
             remarks.append(
                 f"the bias moves one way by {text}, which explains K better than a random walk: "
-                "did the sensor warm up? Record its temperature, or start the recording later"
+                f"did the sensor warm up? {advice}"
             )
     output, band = filter_search.settled_filter(bins, selection.fit), bins.limit
     if band < np.inf:

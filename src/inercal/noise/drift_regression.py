@@ -17,7 +17,8 @@ from inercal.noise.numerics import dct2, pseudo_inverse
 from inercal.noise.selection import CANDIDATES, Selection, select_terms
 from inercal.noise.spectrum import Bins, Spectrum, expected_periodogram
 
-DRIFT_RATIO = 10.83  # required drop of 2 L to include a regressor (0.1 %)
+DRIFT_RATIO = 10.83  # required drop of the AIC to include a ramp (0.1 %)
+_MEASURED_RATIO = 6.63  # the same for a measured cause, the temperature (1 %)
 _WARM_UPS = (1.0, 3.0, 8.0)  # length of the recording, in time constants
 _ROUNDS = 4
 
@@ -170,7 +171,11 @@ def find_drift(
     selection: Selection,
     candidates: tuple[str, ...] = CANDIDATES,
 ) -> DriftFit | None:
-    """Return the drift in the data; None if each term reduces 2 L by less than 10.83.
+    """Return the drift in the data; None if no term reduces Akaike's criterion enough.
+
+    A ramp looks like a random walk and must reduce it by 10.83; the temperature is a measured cause
+    and must reduce it by 6.63. The criterion, not the likelihood, is compared because a drift often
+    makes the random walk unnecessary.
 
     Parameters
     ----------
@@ -181,34 +186,51 @@ def find_drift(
     """
     found: DriftFit | None = None
     taken: dict[str, Array] = {}
-    least = selection.fit.loss
+    least = _criterion(selection, selection.fit.loss)
     while len(taken) < len(regressors):
         trials = {
             name: fit_drift(y, spectra, {**taken, name: values}, bins, candidates)
             for name, values in regressors.items()
             if name not in taken
         }
-        name = min(trials, key=lambda one: trials[one].loss)
-        if 2 * (least - trials[name].loss) < DRIFT_RATIO:
+        gains = {name: least - _criterion(one.selection, one.loss) for name, one in trials.items()}
+        name = max(gains, key=gains.__getitem__)
+        if gains[name] < (DRIFT_RATIO if name == "ramp" else _MEASURED_RATIO):
             break
-        found, least = trials[name], trials[name].loss
+        found, least = trials[name], least - gains[name]
         taken[name] = regressors[name]
     return found
 
 
-def warm_up_size(y: Array, spectra: tuple[Spectrum, ...], bins: Bins, fit: NoiseFit) -> float:
+def _criterion(selection: Selection, loss: float) -> float:
+    """Return Akaike's criterion for the likelihood without the REML correction."""
+    return 2 * loss + selection.fit.aic - 2 * selection.fit.loss
+
+
+def warm_up_size(
+    y: Array,
+    spectra: tuple[Spectrum, ...],
+    regressors: dict[str, Array],
+    bins: Bins,
+    fit: NoiseFit,
+    loss: float,
+) -> float:
     """Return by how much a warm-up, e^{−t/τ}, changes a bias that seems to walk; 0 if it walks.
 
     Parameters
     ----------
     y, spectra, bins
         See `fit_drift`.
+    regressors : mapping of name to (n,) array
+        The drift that the fit contains.
     fit : NoiseFit
         The fit with a random walk and without a warm-up.
+    loss : float
+        Its L at the minimum, without the REML correction.
     """
     passed = np.arange(y.size) / y.size
     shapes = (np.exp(-one * passed) for one in _WARM_UPS)
     terms = ("".join(fit.symbols),)
-    found = [fit_drift(y, spectra, {"warm-up": one}, bins, terms) for one in shapes]
+    found = [fit_drift(y, spectra, {**regressors, "warm-up": one}, bins, terms) for one in shapes]
     best = min(found, key=lambda one: one.loss)
-    return best.terms[0].value * (2 * (fit.loss - best.loss) > DRIFT_RATIO)
+    return best.terms[-1].value * (2 * (loss - best.loss) > DRIFT_RATIO)
