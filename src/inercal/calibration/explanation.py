@@ -127,6 +127,7 @@ class Addition:
         Full names of the coefficients.
     chi2_before, dof_before, chi2_after, dof_after : float and int
         χ² and degrees of freedom of the fits without and with the group; see `ScoreTestSet.chi2`.
+        If the noise comes from the data, both χ² have the unit of the fit with the group.
     indistinguishable : tuple of str
         Other causes that would have explained these residuals equally well.
     """

@@ -68,10 +68,11 @@ def _larger_fit(fitted: FittedRun, advisor: RunAdvisor) -> tuple[FittedRun, Addi
         larger = advisor.followed(advice)
         if _is_significant(group, fitted, larger):
             before, after = estimate.score_tests, larger.estimate.score_tests
+            drop = advisor.explained(group, before.chi2 - after.chi2, advice.changes)
             return larger, Addition(
                 group.name,
                 group.components,
-                before.chi2,
+                after.chi2 + drop,
                 before.dof,
                 after.chi2,
                 after.dof,

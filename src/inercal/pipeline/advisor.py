@@ -84,7 +84,7 @@ class RunAdvisor:
         for changes in self._alternatives(cause):
             completed = self._completed(changes)
             after = self._chi2_after(completed)
-            if after is None or self._explained(cause, before - after, completed) < least:
+            if after is None or self.explained(cause, before - after, completed) < least:
                 continue
             # Fewer keys are preferred, unless more keys explain more.
             if best is None or best.chi2 is None or after < best.chi2 - _SAME:
@@ -92,18 +92,6 @@ class RunAdvisor:
             if after < cause.remaining_chi2 + _SAME:
                 break
         return best or Advice(cause.name, action=self._action(cause))
-
-    def _explained(self, cause: SuspectedCause, drop: float, changes: tuple[Change, ...]) -> float:
-        """Return the χ² that a cause explains in the changed run, whose χ² is smaller by `drop`.
-
-        If the noise comes from the data, it also decreases in a better fit, and the χ² of both fits
-        do not have the same unit. The coefficients are then compared with their covariance.
-        """
-        estimate = self._estimate_after(changes)
-        measured = np.isfinite(self._estimate.noise_dof) and cause.kind == "coefficient"
-        if estimate is None or drop <= 0 or not measured:
-            return drop
-        return max(drop, wald_statistic(estimate, cause.components))
 
     def _action(self, cause: SuspectedCause) -> str:
         """Return what to do about a cause that no change of existing keys can include."""
@@ -119,6 +107,19 @@ class RunAdvisor:
                 text = "no method for this bench estimates this coefficient"
                 return f"{text}; U does not include its effect"
         return action_on(cause, self.row_word)
+
+    def explained(self, cause: SuspectedCause, drop: float, changes: tuple[Change, ...]) -> float:
+        """Return the χ² that a cause explains in the changed run, whose χ² is smaller by `drop`.
+
+        If the noise comes from the data, it also decreases in a better fit, and the χ² of both fits
+        do not have the same unit: that of the better fit may even be larger. The coefficients are
+        then compared with their covariance.
+        """
+        estimate = self._estimate_after(changes)
+        measured = np.isfinite(self._estimate.noise_dof) and cause.kind == "coefficient"
+        if estimate is None or not measured:
+            return drop
+        return max(drop, wald_statistic(estimate, cause.components))
 
     def on_coefficients(self, names: Sequence[str]) -> Advice | None:
         """Return the key that makes the method estimate undetectable coefficients, if it can."""
