@@ -1,6 +1,7 @@
 """`inercal repeat`: sessions from files, from a table and from a register."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,20 @@ def test_a_table_states_days_and_leaves_the_rest_to_each_session(folder: Path):
     assert [one["day"] for one in found["sessions"]] == [f"day {day}" for day in DAYS]
     assert {one["level"] for one in found["components"]} == {"day", "turn-on", "mount"}
     assert len({one["mount"] for one in found["sessions"]}) == 6
+
+
+def test_days_are_those_of_the_measurement_however_they_are_written(folder: Path):
+    files = [folder / f"{k}.calibration.json" for k in range(6)]
+    for file, day in zip(files, DAYS, strict=True):
+        save(replace(load(file), job={"measured": f"2026-03-0{day + 1}T08:0{day}:00Z"}), file)
+    days = ["2026-03-01"] * 2 + ["2026-03-02"] * 2 + ["2026-03-03"] * 2
+    sessions = json.loads(run(*files, "--json")[1])["sessions"]
+    assert [one["day"] for one in sessions] == days
+    assert run(*files[:2])[0] != 0
+    words = ("Monday", "monday", '"monday "', "Tuesday", "tuesday", "TUESDAY")
+    rows = (f"{k}.calibration.json,{word}" for k, word in enumerate(words))
+    sessions = json.loads(run("--table", table(folder, "file,day", *rows), "--json")[1])["sessions"]
+    assert len({one["day"] for one in sessions}) == 2
 
 
 @pytest.mark.parametrize(

@@ -117,7 +117,8 @@ def _of_files(files: list[Path], same: list[Same] | None) -> list[DatedSession]:
     sessions: list[DatedSession] = []
     for k, file in enumerate(files):
         found = load(file)
-        one = RepeatedSession(str(file), found, *_labels(same, k, str(file)))
+        day, *others = _labels(same, k, str(file))
+        one = RepeatedSession(str(file), found, _stated_day(found, day, same), *others)
         sessions.append(DatedSession(one, measured_time(found)))
     return sessions
 
@@ -154,13 +155,21 @@ def _of_table(table: Path, same: list[Same] | None) -> tuple[list[DatedSession],
         if empty := [name for name, cell in cells.items() if not cell.strip()]:
             raise InputError(f"{table}: {where}: column {empty[0]} is empty", file=table)
         file = table.parent / cells[_FILE]
-        default = _labels(same, k, cells[_FILE])
-        own = (cells.get(name, word) for name, word in zip(_LEVELS, default, strict=True))
         found = load(file)
+        day, *others = _labels(same, k, cells[_FILE])
+        default = (_stated_day(found, day, same), *others)
+        words = zip(_LEVELS, default, strict=True)
+        own = (cells.get(name, word).strip().casefold() for name, word in words)
         session = RepeatedSession(cells[_FILE], found, *own)
         sessions.append(DatedSession(session, _day_of(session.day) or measured_time(found)))
         files.append(file)
     return sessions, [table, *files]
+
+
+def _stated_day(calibration: "Calibration", default: str, same: list[Same] | None) -> str:
+    """Return the day that [job] measured states, unless all sessions are said to be of one day."""
+    stated = "" if Same.DAY in (same or []) else calibration.job.get("measured", "")
+    return str(stated)[:10] or default
 
 
 def _day_of(word: str) -> str:

@@ -64,7 +64,8 @@ def single_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) 
             format_quantity(float(np.sqrt(one[j]) * fit.unit[j]), 0.0, term.unit, 3)
             for one in (fit.alone.variance, pooled)
         )
-        parts.append(f"{name} {own} instead of {like}")
+        if own != like:
+            parts.append(f"{name} {own} instead of {like}")
     if not parts:
         return []
     return [
