@@ -124,13 +124,15 @@ def test_a_short_log_is_read_at_once(table: np.ndarray, tmp_path: Path):
     assert open_long_rest_recording(write(tmp_path, "data.npz", table), UNIT) is None
 
 
-@pytest.mark.parametrize("n", [60_000, evidence(200_000)])
-def test_a_drift_with_the_temperature_is_fitted_in_blocks_as_at_once(n: int, tmp_path: Path):
+@pytest.mark.parametrize(("n", "gap"), [(60_000, 0.0), (60_000, 500.0), evidence(200_000, 0.0)])
+def test_a_drift_with_the_temperature_is_fitted_in_blocks_as_at_once(
+    n: int, gap: float, tmp_path: Path
+):
     rate = draw(replace(MEMS, n=n), 8)[0]
     celsius = 25 + 8 * np.sin(2 * np.pi * np.arange(n) / n) + 0.01 * np.arange(n) / n
     slope = 20 * MEMS.unit
     columns = {
-        "time": MEMS.dt * np.arange(n),
+        "time": MEMS.dt * np.arange(n) + gap * (np.arange(n) > 0.4 * n),
         "gx": rate + slope * celsius,
         "gy": rate,
         "gz": -rate,

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.process_settings import with_one_thread
 from inercal.basics.units import format_duration, format_quantity, si_factor
@@ -22,7 +21,7 @@ from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, SensorKind
 from inercal.noise.coefficients import Method
 from inercal.noise.deviations import Deviations, Spacing, deviations
 from inercal.noise.disturbances import Disturbance, SpectralLine, find_disturbances, take_out_lines
-from inercal.noise.drift_regression import drift_regressors
+from inercal.noise.drift_regression import LowFrequencies, LowPiece
 from inercal.noise.likelihood import NoiseFit
 from inercal.noise.pieces import (
     FEWEST,
@@ -283,12 +282,11 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
         remarks.append(
             f"{format_duration(left)} were excluded because of disturbances ({len(found)} found)"
         )
-    spectra, lines = _spectra(parts, pieces.dt, wanted.skipped_bands)
+    spectra, lines, places = _spectra(parts, pieces.dt, wanted.skipped_bands)
     remarks += [f"{low:g}–{high:g} Hz were excluded from the fit" for low, high in
                 wanted.skipped_bands]  # fmt: skip
     octaves = _deviations(parts, pieces.dt, "oadev", "octave")
     n = sum(map(len, parts))
-    low_values, regressors = _low_frequencies(parts, spectra[0], pieces.dt)
     summary = ChannelSummary(
         channel=name,
         quantity=quantity,
@@ -307,8 +305,7 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
         },
         disturbances=found,
         remarks=tuple(remarks),
-        low_values=low_values,
-        regressors=regressors,
+        low=_low_frequencies(parts, spectra, places, pieces.dt),
         step=rounding_step(max(every, key=len).values),
     )
     channel = replace(conclude(summary, wanted.candidates, wanted.method), disturbed=invalid)
@@ -342,28 +339,36 @@ def _other_fit(
             parts = quiet_parts(every, found, dt)
         except InputError:
             return None
-    spectra, _ = _spectra(parts, dt, wanted.skipped_bands)
+    spectra, _, _ = _spectra(parts, dt, wanted.skipped_bands)
     return selection_with_filter(spectra, dt, wanted.candidates, like, step).fit
 
 
 def _low_frequencies(
-    parts: Sequence[Part], low: Spectrum, dt: float
-) -> tuple[Array | None, dict[str, Array]]:
-    """Return low-frequency values and drift regressors; no values if there are several pieces."""
-    if len(parts) > 1:
-        return None, {}
-    m, temperature = round(low.dt / dt), parts[0].temperature
-    means = None if temperature is None else block_means(temperature, m)
-    return block_means(parts[0].values, m), drift_regressors(low.n, low.dt, means)
+    parts: Sequence[Part], spectra: Sequence[Spectrum], places: Sequence[int], dt: float
+) -> LowFrequencies:
+    """Return block means of all pieces; `places` are the indices of their low frequencies."""
+    pieces: list[LowPiece] = []
+    for part, place in zip(parts, places, strict=True):
+        m = round(spectra[place].dt / dt)
+        warmth = None if part.temperature is None else block_means(part.temperature, m)
+        pieces.append(
+            LowPiece(place, part.start, spectra[place].dt, block_means(part.values, m), warmth)
+        )
+    return LowFrequencies.of(pieces)
 
 
 def _spectra(
     parts: Iterable[Part], dt: float, skipped_bands: Sequence[Band]
-) -> tuple[tuple[Spectrum, ...], tuple[SpectralLine, ...]]:
-    """Return the spectra of all pieces without lines and skipped bands, and return the lines."""
+) -> tuple[tuple[Spectrum, ...], tuple[SpectralLine, ...], tuple[int, ...]]:
+    """Return the spectra without lines and skipped bands, the lines, and where each piece starts.
+
+    Each piece's low frequencies come first.
+    """
     spectra: list[Spectrum] = []
     lines: list[SpectralLine] = []
+    places: list[int] = []
     for part in parts:
+        places.append(len(spectra))
         for one in piece_spectra(part.values, dt):
             clean, found = take_out_lines(remove_band(one, skipped_bands))
             spectra.append(clean)
@@ -372,7 +377,7 @@ def _spectra(
         raise InputError(
             f"--skip-band excludes all of 0 to {0.5 / dt:g} Hz; exclude less", key="--skip-band"
         )
-    return tuple(spectra), tuple(lines)
+    return tuple(spectra), tuple(lines), tuple(places)
 
 
 def _deviations(parts: Sequence[Part], dt: float, kind: str, spacing: Spacing) -> Deviations:

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inercal.basics.arrays import Array
 from inercal.basics.units import format_quantity
 from inercal.noise import filter_search
 from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient, NoiseRefusal
@@ -24,7 +23,7 @@ from inercal.noise.coefficients import Method, estimate_coefficients, possible_m
 from inercal.noise.cross_checks import Estimates
 from inercal.noise.deviations import Deviations
 from inercal.noise.disturbances import Disturbance, SpectralLine
-from inercal.noise.drift_regression import DriftFit, find_drift, warm_up_size
+from inercal.noise.drift_regression import DriftFit, LowFrequencies, find_drift, warm_up_size
 from inercal.noise.filter_search import FilterSearch
 from inercal.noise.goodness import judge_fit
 from inercal.noise.likelihood import extended, fit_terms
@@ -72,10 +71,8 @@ class ChannelSummary:
         Deviations to report.
     disturbances : tuple of Disturbance
     remarks : tuple of str
-    low_values : (k,) array or None
-        Block means whose transform is spectra[0]; None if there are several pieces.
-    regressors : dict of name to (k,) array
-        Regressors of the drift.
+    low : LowFrequencies
+        Block means of the pieces, with regressors of their drift.
     step : float
         Step to which the readings are rounded; 0 if none is detected.
     """
@@ -92,8 +89,7 @@ class ChannelSummary:
     deviations: dict[str, Deviations]
     disturbances: tuple[Disturbance, ...]
     remarks: tuple[str, ...]
-    low_values: Array | None
-    regressors: dict[str, Array]
+    low: LowFrequencies
     step: float = 0.0
 
 
@@ -213,9 +209,7 @@ def selection_with_filter(
 def _solve(one: ChannelSummary, bins: Bins, candidates: tuple[str, ...]) -> NoiseModel:
     """Return the terms that fit the bins best, and the drift found at low frequencies."""
     selection = select_terms(bins, candidates)
-    if one.low_values is None or not one.regressors:
-        return NoiseModel(selection, bins)
-    drift = find_drift(one.low_values, one.spectra, one.regressors, bins, selection, candidates)
+    drift = find_drift(one.low, one.spectra, bins, selection, candidates)
     if drift is None:
         return NoiseModel(selection, bins)
     return NoiseModel(drift.selection, drift.bins, drift)
@@ -313,12 +307,11 @@ def _refused(model: NoiseModel, cause: str) -> NoiseModel:
 def _warm_up(one: ChannelSummary, model: NoiseModel) -> float:
     """Return by how much a warm-up, not a random walk, changes the bias; 0 if there is none."""
     fit = model.selection.fit
-    if "K" not in fit.symbols or one.low_values is None:
+    if "K" not in fit.symbols:
         return 0.0
     drift = () if model.drift is None else model.drift.terms
-    taken = {term.name: one.regressors[term.name] for term in drift}
     loss = fit.loss if model.drift is None else model.drift.loss
-    return warm_up_size(one.low_values, one.spectra, taken, model.bins, fit, loss)
+    return warm_up_size(one.low, one.spectra, drift, model.bins, fit, loss)
 
 
 def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -> ChannelNoise:
@@ -333,7 +326,7 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
     """
     model = find_model(one, candidates)
     selection, bins = model.selection, model.bins
-    used, why = possible_method(method, one.longest, single=one.low_values is not None, bins=bins)
+    used, why = possible_method(method, one.longest, single=len(one.low.places) == 1, bins=bins)
     coefficients: tuple[NoiseCoefficient, ...] = ()
     comparison: dict[str, Estimates] = {}
     remarks: list[str] = []
@@ -344,7 +337,7 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
         remarks = undetermined(selection, one.longest * one.dt)
         if size := _warm_up(one, model):
             text = format_quantity(abs(size), 0.0, SHOWN_UNIT[one.quantity], 2)
-            recorded = "temperature" in one.regressors
+            recorded = "temperature" in one.low.regressors
             advice = (
                 "The recorded temperature does not explain it: start the recording later"
                 if recorded

@@ -7,7 +7,9 @@ part of the random walk would also be removed. The median of K would then be 0.9
 with REML, it is 0.994.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,6 +61,67 @@ class DriftFit:
     loss: float
 
 
+class LowPiece(NamedTuple):
+    """Block means of a piece without gaps, whose transform is a spectrum of low frequencies.
+
+    Parameters
+    ----------
+    place : int
+        Index of the spectrum.
+    start, dt : float
+        Start after the first sample of the recording, and time between block means, s.
+    values : (k,) array
+    temperature : (k,) array or None
+        Block means of the temperature, K; ignored if their number differs.
+    """
+
+    place: int
+    start: float
+    dt: float
+    values: Array
+    temperature: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class LowFrequencies:
+    """Block means of all pieces, one after another, and regressors for their drift.
+
+    Parameters
+    ----------
+    values : (k,) array
+    places : tuple of int
+        Index of each piece's spectrum.
+    regressors : dict of name to (k,) array
+        A ramp, the temperature and its rate.
+    """
+
+    values: Array
+    places: tuple[int, ...]
+    regressors: dict[str, Array]
+
+    @classmethod
+    def of(cls, pieces: Sequence[LowPiece]) -> "LowFrequencies":
+        """Return the block means of these pieces; a constant temperature is no regressor."""
+        time = [one.start + np.arange(float(one.values.size)) * one.dt for one in pieces]
+        regressors: dict[str, Array] = {"ramp": np.concatenate(time)}
+        warmth = [
+            one.temperature
+            for one in pieces
+            if one.temperature is not None and one.temperature.size == one.values.size
+        ]
+        if len(warmth) == len(pieces) and np.ptp(temperature := np.concatenate(warmth)) > 0:
+            rates = [np.gradient(own, one.dt) for own, one in zip(warmth, pieces, strict=True)]
+            regressors["temperature"] = temperature
+            regressors["temperature rate"] = np.concatenate(rates)
+        values = np.concatenate([one.values for one in pieces])
+        return cls(values, tuple(one.place for one in pieces), regressors)
+
+    def transform(self, values: Array, spectra: Sequence[Spectrum]) -> Array:
+        """Return the transform of each piece without its mean, (k − pieces, …)."""
+        ends = np.cumsum([spectra[place].n for place in self.places])[:-1]
+        return np.concatenate([_transform(one) for one in np.split(values, ends)])
+
+
 def _transform(values: Array) -> Array:
     return dct2(values - values.mean(axis=0), axis=0)[1:]
 
@@ -87,28 +150,8 @@ def _generalised(c: Array, x: Array, model: Array, kept: Bools) -> tuple[Array, 
     return beta / size, covariance / np.outer(size, size), leverage
 
 
-def drift_regressors(count: int, dt: float, temperature: Array | None) -> dict[str, Array]:
-    """Return the drift regressors of one piece: a ramp, the temperature and its rate.
-
-    Parameters
-    ----------
-    count : int
-        Number of block means.
-    dt : float
-        Time between block means, s.
-    temperature : array, optional
-        Block means of the temperature, K. They are ignored if they are constant or their number
-        differs from `count`.
-    """
-    found: dict[str, Array] = {"ramp": np.arange(count, dtype=np.float64) * dt}
-    if temperature is not None and temperature.size == count and np.ptp(temperature) > 0:
-        found["temperature"] = temperature
-        found["temperature rate"] = np.asarray(np.gradient(temperature, dt))
-    return found
-
-
 def fit_drift(
-    y: Array,
+    low: LowFrequencies,
     spectra: tuple[Spectrum, ...],
     regressors: dict[str, Array],
     bins: Bins,
@@ -118,30 +161,30 @@ def fit_drift(
 
     Parameters
     ----------
-    y : (n,) array
-        Block means whose transform is spectra[0].
+    low : LowFrequencies
     spectra : tuple of Spectrum
-        Spectra; the low frequencies come first.
-    regressors : mapping of name to (n,) array
+    regressors : mapping of name to (k,) array
     bins : Bins
         Bins of the spectra, without a drift.
     candidates : tuple of str
         Models to choose from; see `inercal.noise.selection.select_terms`.
     """
-    low = spectra[0]
     names = tuple(regressors)
-    x = _transform(np.column_stack([regressors[name] for name in names]))
-    c = _transform(y)
-    beta = _generalised(c, x, np.ones_like(c), low.kept)[0]
-    bins = _residual_bins(c, x, beta, spectra, bins)
+    x = low.transform(np.column_stack([regressors[name] for name in names]), spectra)
+    c = low.transform(low.values, spectra)
+    own = [spectra[place] for place in low.places]
+    kept = np.concatenate([one.kept for one in own])
+    beta = _generalised(c, x, np.ones_like(c), kept)[0]
+    bins = _residual_bins(c, x, beta, low.places, spectra, bins)
     selection = select_terms(bins, candidates)
     covariance = np.zeros((len(names), len(names)))
     for _ in range(_ROUNDS):
-        beta, covariance, leverage = _generalised(c, x, _model(selection.fit, low, bins), low.kept)
-        bins = _residual_bins(c, x, beta, spectra, bins, leverage)
+        model = np.concatenate([_model(selection.fit, one, bins) for one in own])
+        beta, covariance, leverage = _generalised(c, x, model, kept)
+        bins = _residual_bins(c, x, beta, low.places, spectra, bins, leverage)
         selection = replace(selection, fit=fit_again(bins, selection.fit))
     final = select_terms(bins, candidates)
-    plain = _residual_bins(c, x, beta, spectra, bins)
+    plain = _residual_bins(c, x, beta, low.places, spectra, bins)
     sd = np.sqrt(np.diag(covariance))
     terms = tuple(
         DriftTerm(*one) for one in zip(names, map(float, beta), map(float, sd), strict=True)
@@ -153,6 +196,7 @@ def _residual_bins(
     c: Array,
     x: Array,
     beta: Array,
+    places: Sequence[int],
     spectra: tuple[Spectrum, ...],
     bins: Bins,
     leverage: Array | None = None,
@@ -160,13 +204,16 @@ def _residual_bins(
     power = (c - x @ beta) ** 2
     if leverage is not None:
         power = power + leverage
-    return bins.bins_of((replace(spectra[0], power=power), *spectra[1:]))
+    ends = np.cumsum([spectra[place].n - 1 for place in places])[:-1]
+    every = list(spectra)
+    for place, own in zip(places, np.split(power, ends), strict=True):
+        every[place] = replace(spectra[place], power=own)
+    return bins.bins_of(tuple(every))
 
 
 def find_drift(
-    y: Array,
+    low: LowFrequencies,
     spectra: tuple[Spectrum, ...],
-    regressors: dict[str, Array],
     bins: Bins,
     selection: Selection,
     candidates: tuple[str, ...] = CANDIDATES,
@@ -179,7 +226,7 @@ def find_drift(
 
     Parameters
     ----------
-    y, spectra, regressors, bins, candidates
+    low, spectra, bins, candidates
         See `fit_drift`.
     selection : Selection
         Selection without a drift.
@@ -187,10 +234,10 @@ def find_drift(
     found: DriftFit | None = None
     taken: dict[str, Array] = {}
     least = _criterion(selection, selection.fit.loss)
-    while len(taken) < len(regressors):
+    while len(taken) < len(low.regressors):
         trials = {
-            name: fit_drift(y, spectra, {**taken, name: values}, bins, candidates)
-            for name, values in regressors.items()
+            name: fit_drift(low, spectra, {**taken, name: values}, bins, candidates)
+            for name, values in low.regressors.items()
             if name not in taken
         }
         gains = {name: least - _criterion(one.selection, one.loss) for name, one in trials.items()}
@@ -198,7 +245,7 @@ def find_drift(
         if gains[name] < (DRIFT_RATIO if name == "ramp" else _MEASURED_RATIO):
             break
         found, least = trials[name], least - gains[name]
-        taken[name] = regressors[name]
+        taken[name] = low.regressors[name]
     return found
 
 
@@ -208,9 +255,9 @@ def _criterion(selection: Selection, loss: float) -> float:
 
 
 def warm_up_size(
-    y: Array,
+    low: LowFrequencies,
     spectra: tuple[Spectrum, ...],
-    regressors: dict[str, Array],
+    drift: Sequence[DriftTerm],
     bins: Bins,
     fit: NoiseFit,
     loss: float,
@@ -219,18 +266,19 @@ def warm_up_size(
 
     Parameters
     ----------
-    y, spectra, bins
+    low, spectra, bins
         See `fit_drift`.
-    regressors : mapping of name to (n,) array
+    drift : sequence of DriftTerm
         The drift that the fit contains.
     fit : NoiseFit
         The fit with a random walk and without a warm-up.
     loss : float
         Its L at the minimum, without the REML correction.
     """
-    passed = np.arange(y.size) / y.size
-    shapes = (np.exp(-one * passed) for one in _WARM_UPS)
+    taken = {one.name: low.regressors[one.name] for one in drift}
+    time = low.regressors["ramp"]
+    shapes = (np.exp(-one * (time - time[0]) / np.ptp(time)) for one in _WARM_UPS)
     terms = ("".join(fit.symbols),)
-    found = [fit_drift(y, spectra, {**regressors, "warm-up": one}, bins, terms) for one in shapes]
+    found = [fit_drift(low, spectra, {**taken, "warm-up": one}, bins, terms) for one in shapes]
     best = min(found, key=lambda one: one.loss)
     return best.terms[-1].value * (2 * (loss - best.loss) > DRIFT_RATIO)

@@ -16,11 +16,11 @@ from inercal.basics.units import si_factor
 from inercal.noise.analysis import candidate_models
 from inercal.noise.channel_model import ChannelSummary, conclude
 from inercal.noise.channel_noise import SI_UNIT, NoiseAnalysis, quantity_of
-from inercal.noise.disturbances import take_out_lines
-from inercal.noise.drift_regression import drift_regressors
+from inercal.noise.disturbances import SpectralLine, take_out_lines
+from inercal.noise.drift_regression import LowFrequencies, LowPiece
 from inercal.noise.pieces import FEWEST, join_deviations
 from inercal.noise.recording_checks import check_rest_units
-from inercal.noise.spectrum import Band, remove_band, require_bands
+from inercal.noise.spectrum import Band, Spectrum, remove_band, require_bands
 from inercal.noise.streaming import StreamedChannel, StreamedMeans
 from inercal.physics.quantities import SensorKind
 from inercal.physics.sensors import G0
@@ -212,18 +212,14 @@ class NoiseStream:
 
     def _summary(self, k: int, skipped_bands: Sequence[Band]) -> ChannelSummary:
         parts = [channels[k] for channels in self._pieces]
-        clean = [
-            take_out_lines(remove_band(one, skipped_bands))
-            for part in parts
-            for one in part.spectra()
-        ]
+        clean: list[tuple[Spectrum, tuple[SpectralLine, ...]]] = []
+        low: list[LowPiece] = []
+        for part, start, warmth in zip(parts, self._starts, self._temperatures, strict=False):
+            values, dt = part.low_values()
+            low.append(LowPiece(len(clean), start, dt, values, warmth.means()))
+            clean += [take_out_lines(remove_band(one, skipped_bands)) for one in part.spectra()]
         octaves = join_deviations([part.oadev() for part in parts])
-        values, dt = parts[0].low_values()
         n = sum(part.count for part in parts)
-        single = len(parts) == 1
-        regressors = (
-            drift_regressors(values.size, dt, self._temperatures[0].means()) if single else {}
-        )
         remarks = [text for part in parts for text in part.remarks(self._channels[k], self.source)]
         remarks += [
             f"{low:g}–{high:g} Hz were excluded from the fit" for low, high in skipped_bands
@@ -245,8 +241,7 @@ class NoiseStream:
                 for one in part.disturbances()
             ),
             remarks=tuple(dict.fromkeys(remarks)),
-            low_values=values if single else None,
-            regressors=regressors,
+            low=LowFrequencies.of(low),
             step=max(parts, key=lambda part: part.count).rounding_step(),
         )
 
