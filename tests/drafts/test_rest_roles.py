@@ -55,3 +55,10 @@ def test_packet_counters_of_any_size_are_unwrapped_and_show_lost_packets(bits: i
     log = written(tmp_path / "log.csv", counter, 9.81 * FORCE[kept], RATE[kept] + 1)
     found = read_rest_recording(log, STATED | {"data.rate": f"{HZ:g} Hz"})
     np.testing.assert_allclose(found.time, kept / HZ, atol=1e-9)
+
+
+def test_a_stated_rate_does_not_replace_seconds_that_contradict_it(tmp_path: Path):
+    log = written(tmp_path / "log.csv", COUNT / HZ, 9.81 * FORCE, RATE + 1)
+    with pytest.raises(InputError) as caught:
+        read_rest_recording(log, STATED | {"data.rate": f"{2 * HZ:g} Hz"})
+    assert caught.value.key == "[data] rate"

@@ -175,7 +175,7 @@ def run(
             print(
                 f"{entered['register']}: noise analysis {entered['number']} of {entered['sensor']}"
             )
-    console.exit_if(analysis.movement)
+    console.exit_if(analysis.movement or any(one.disturbed for one in analysis.channels))
 
 
 def _require_rest(

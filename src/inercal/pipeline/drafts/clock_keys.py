@@ -68,7 +68,7 @@ def clock_keys(
     if hertz is not None and known is None:
         tried = ((one, hertz * step * si_factor(one)) for one in (unit, *_TIME_UNITS))
         units = [one for one, ratio in tried if abs(ratio - 1) < SAME_RATE]
-        if not units and "data.time" not in stated:
+        if not units and "data.time" not in stated and np.all(stamps == np.rint(stamps)):
             return by_rate, (rate_key,)  # the column counts something else, such as ticks
         unit = next(iter(units), unit)
     mean = mean_step(stamps)
