@@ -130,9 +130,7 @@ class GyroComparison:
         Time between the readings of a linearly interpolated readback, s; 0 for other readbacks.
     """
 
-    def __init__(
-        self, bench: Turntable, sensor: Sensor, delay: float = 0.0, interval: float = 0.0
-    ):
+    def __init__(self, bench: Turntable, sensor: Sensor, delay: float = 0.0, interval: float = 0.0):
         self._bench, self._interval = bench, interval
         gyros = [axis for axis in sensor.axes if axis.measures == "w"]
         self._columns = np.array([axis.measures == "w" for axis in sensor.axes], np.bool_)
