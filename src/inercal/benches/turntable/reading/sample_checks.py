@@ -5,7 +5,8 @@ a readback that is constant while the gyros measure a turn or that repeats each 
 checks all of these would look like a wrong unit or an exchanged column.
 """
 
-# pyright: reportMissingTypeStubs=false
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownMemberType=false
 
 from collections.abc import Sequence
 from math import degrees, pi, radians
