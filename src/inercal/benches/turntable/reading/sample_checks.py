@@ -239,7 +239,10 @@ def readback_interval(track: Track) -> float:
     Between two readings the angles lie on straight lines, even while the rate changes.
     """
     step = float(np.median(np.diff(track.time)))
-    bend = np.abs(np.diff(track.angles, 2, axis=0)).max(axis=-1)
+    turned = np.diff(track.angles, axis=0)
+    # A coarse readback bends, too, but it stands still before or after its steps.
+    moves = np.minimum(np.abs(turned[1:]), np.abs(turned[:-1])) > _DUST
+    bend = np.where(moves, np.abs(np.diff(turned, axis=0)), 0.0).max(axis=-1)
     around = scipy.ndimage.maximum_filter1d(bend, 2 * sample_count(_AROUND, step) + 1)
     edges = np.diff(bend > np.maximum(_BEND * around, _DUST), prepend=False, append=False)
     first, stop = np.flatnonzero(edges).reshape(-1, 2).T
