@@ -22,6 +22,10 @@ from inercal.benches.turntable.reading.gyro_comparison import (
     gyro_comparison_findings,
 )
 from inercal.benches.turntable.reading.readback_increments import KnotSpacing, find_increments
+from inercal.benches.turntable.reading.sample_checks import (
+    readback_interval,
+    repeated_readback_finding,
+)
 from inercal.recordings import Track
 from inercal.runfile import Run, read
 
@@ -221,3 +225,41 @@ def test_a_turn_within_a_gap_of_a_table_that_stands_is_in_no_other_increment(
     assert knots.dt.max() < 0.1
     # The earth's rate and what remains of the readback's noise.
     assert np.abs(knots.columns[0][:, 3:6]).max() < 1e-5
+
+
+def resampled(track: Track, hz: float, *, held: bool) -> Track:
+    """Return the track with a readback that the log holds or interpolates between readings."""
+    at = np.arange(track.time[0] - 0.37 / hz, track.time[-1] + 1, 1 / hz)
+    read = np.stack([np.interp(at, track.time, one) for one in track.angles.T], axis=-1)
+    last = np.clip(np.searchsorted(at, track.time + 1e-9, "right") - 1, 0, None)
+    lines = np.stack([np.interp(track.time, at, one) for one in read.T], axis=-1)
+    return replace(track, angles=read[last] if held else lines)
+
+
+@pytest.mark.parametrize("hz", [50.0, 33.0, 12.5, 5.0])
+def test_an_interpolated_readback_is_not_blamed_but_its_jumps_are(
+    sound: tuple[Run, Track, float], hz: float
+):
+    run, track, at = sound
+    assert isinstance(run.bench, Turntable)
+    lines = resampled(track, hz, held=False)
+    assert readback_interval(lines) == pytest.approx(1 / hz, rel=0.1)
+    assert repeated_readback_finding(lines) is None
+    assert gyro_comparison_findings(lines, run.sensor, run.bench) == ()
+    wrong = replace(lines, angles=offset(0.1)(lines.time, lines.angles.copy(), at))
+    finding, *_ = gyro_comparison_findings(wrong, run.sensor, run.bench)
+    assert finding.start is not None
+    assert track.time[finding.start] == pytest.approx(at, abs=0.2)
+
+
+@pytest.mark.parametrize(("hz", "held"), [(99.0, True), (50.0, True), (20.0, True), (2.0, False)])
+def test_a_readback_that_is_too_slow_is_named_once_with_its_rate(
+    sound: tuple[Run, Track, float], hz: float, held: bool
+):
+    _, track, _ = sound
+    assert repeated_readback_finding(track) is None
+    assert readback_interval(track) == 0.0
+    finding = repeated_readback_finding(resampled(track, hz, held=held))
+    assert finding is not None
+    found = finding.message.partition(" Hz")[0].rpartition(" ")[2]
+    assert float(found) == pytest.approx(hz, rel=0.1)

@@ -223,12 +223,18 @@ def test_a_refusal_begins_with_flaws_of_the_readings(tmp_path: Path):
     run = read(run_file(tmp_path, SIX_POSITIONS, labels))
     write_recording(recording_without_sections(run, "z_a"), run.file(run.data.file))
     seen = observed(run)
-    flaws = (Finding("warning", "stuck", "ay stays at 1 in samples 8 to 9", "ay", 8, 10),)
+    flaws = (
+        Finding("warning", "stuck", "ay stays at 1 in samples 8 to 9", "ay", 8, 10),
+        Finding("warning", "moving", "rest y_a is not still", None, 20, 30),
+        Finding("warning", "rests", "rest x_a is not used", None, 40, 50),
+        Finding("warning", "missing", "no rest near 12 s", None, 60, 70),
+    )
     seen = seen._replace(inputs=replace(seen.inputs, findings=(*seen.inputs.findings, *flaws)))
     with refused(NotObserved, file=run.path) as refusal:
         calibrate_run(run, seen=seen)
     message = str(refusal.value)
     assert message.index("samples 8 to 9") < message.index("az.k0")
+    assert all(flaw.message in message for flaw in flaws)
 
 
 def test_a_turn_that_is_missing_is_not_observed_by_name(tmp_path: Path):

@@ -109,7 +109,7 @@ def _fitted(
         require_possible_rows(run.path, observations, sensor, bench, inputs.steps)
         flaws = _flaws_in_words(inputs.findings)
         located = error.located(f"{run.path}{flaws}", file=run.path)
-        causes = _possible_causes(inputs, sensor, zero_rates, error, brief=bool(flaws))
+        causes = _possible_causes(inputs, sensor, zero_rates, error)
         if isinstance(error, NotObserved):
             causes = f"{large_uncertainties(run, expected)}{causes}"
         located.args = (f"{located}{_usable_also(run, error)}{causes}",)
@@ -361,10 +361,17 @@ def _usable_also(run: Run, error: InercalError) -> str:
     return f"; or {f'use {changes_text((also_change(kept),))}' if kept else 'remove [method] also'}"
 
 
+# Kinds of findings about single readings, rows, rests and windows.
+_FLAWS = ("saturation", "stuck", "axes", "moving", "rests", "dwell", "outlier", "nonfinite")
+
+
 def _flaws_in_words(findings: Sequence[Finding]) -> str:
     """Return the readings that cannot be used, as the start of a refusal; "" if there are none."""
-    flaws = ("saturation", "stuck", "axes")
-    found = {one.channel: one.message for one in reversed(findings) if one.what in flaws}
+    found = {
+        (one.what, one.channel): one.message
+        for one in reversed(findings)
+        if one.what in _FLAWS and (one.what, one.severity) != ("rests", "note")
+    }
     return f": {'; '.join(found.values())}; check these readings first" if found else ""
 
 
@@ -373,16 +380,11 @@ def _possible_causes(
     sensor: Sensor,
     zero_rates: Sequence[Finding],
     error: InercalError,
-    *,
-    brief: bool,
 ) -> str:
-    """Suggest why the estimator refused the data: wrong units, temperatures or rests.
-
-    If `brief`, the rests and the missing samples are left out, because a better cause is known.
-    """
-    causes = [one.message for one in inputs.findings if one.what == "missing" and not brief]
+    """Suggest why the estimator refused the data: wrong units, temperatures or rests."""
+    causes = [one.message for one in inputs.findings if one.what == "missing"]
     if inputs.rests is not None:
-        causes += [] if brief else [inputs.rests.finding.message]
+        causes.append(inputs.rests.finding.message)
         from inercal.recordings.segments.attitudes import clock_difference  # loads the kernels
 
         assert inputs.recording is not None

@@ -14,7 +14,9 @@ turns before it. Biases may wander by 0.002 °/s and the stated instability. The
 run at any steady rate within its stated uncertainty, which changes τ in proportion to the time, and
 this rate may change from window to window. The noise consists of the gyros' noise (stated, or as
 seen in the window if that is more), the rounding errors of coarse readings and the readback's
-noise. If an interpolated readback nearly stands still, its angle is taken to be within 10″.
+noise. If an interpolated readback nearly stands still, its angle is taken to be within 10″. If a
+log contains a readback that was linearly interpolated over intervals T, its angle is off by up to
+T/8 times the change of the rate from knot to knot.
 
 With r = g − v minus its prediction, and W the inverse of its covariance, a fault with the signature
 s has the significance sᵀ W r / √(sᵀ W s). The signatures are, for each axis, a step at a knot, a
@@ -42,6 +44,7 @@ from inercal.benches.turntable.reading.readback_increments import (
     WindowFit,
     find_increments,
 )
+from inercal.benches.turntable.reading.sample_checks import readback_interval
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Track, join_tracks
 
@@ -123,10 +126,12 @@ class GyroComparison:
         The sensor. If it has no gyros, nothing is compared.
     delay : float
         Known delay of the readback, s.
+    interval : float
+        Time between the readings of a linearly interpolated readback, s; 0 for other readbacks.
     """
 
-    def __init__(self, bench: Turntable, sensor: Sensor, delay: float = 0.0):
-        self._bench = bench
+    def __init__(self, bench: Turntable, sensor: Sensor, delay: float = 0.0, interval: float = 0.0):
+        self._bench, self._interval = bench, interval
         gyros = [axis for axis in sensor.axes if axis.measures == "w"]
         self._columns = np.array([axis.measures == "w" for axis in sensor.axes], np.bool_)
         self._inputs = np.array([axis.i for axis in gyros]).reshape(-1, 3)
@@ -188,7 +193,7 @@ class GyroComparison:
     def _compare_piece(self, track: Track, last: bool) -> list[ReadbackDifference]:
         """Compare a track without a pause; unless it is the last, keep what fills no window."""
         found: list[ReadbackDifference] = []
-        spacing = KnotSpacing(self._step or 1.0)
+        spacing = KnotSpacing(self._step or 1.0, self._interval)
         every, margin = spacing.every, spacing.margin
         size = max(round(_WINDOW / spacing.step / every), _FEWEST) * every
         whole = max((track.time.size - 2 * margin - 1) // size, 0)
@@ -232,6 +237,8 @@ class GyroComparison:
         half = root @ np.linalg.inv(fit.triangle)
         change = np.einsum("gpq,gq->gp", half, fit.explained)
         left = residual - np.einsum("gnp,gp->gn", columns, change)
+        if self._interval:
+            left = np.where(knots.dynamic > knots.readback, 0.0, left)
         product = left[:, 1:] * left[:, :-1]
         noise = np.column_stack(  # −(lag-1 covariance), its sd
             [-product.mean(axis=-1), product.std(axis=-1) / sqrt(knots.dt.size)]
@@ -280,7 +287,7 @@ def gyro_comparison_findings(track: Track, sensor: Sensor, bench: Turntable) -> 
     sensor : Sensor
     bench : Turntable
     """
-    comparison = GyroComparison(bench, sensor)
+    comparison = GyroComparison(bench, sensor, interval=readback_interval(track))
     found: list[ReadbackDifference] = []
     piece = 1 << 16
     for start in range(0, track.time.size, piece):

@@ -12,7 +12,7 @@ much larger than T.
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
 from dataclasses import dataclass
-from math import inf, radians
+from math import ceil, inf, radians
 
 import numpy as np
 import scipy.linalg
@@ -45,9 +45,12 @@ class KnotSpacing:
     ----------
     step : float
         Time between samples, s.
+    interval : float
+        Time between the readings of a linearly interpolated readback, s; 0 for other readbacks.
     """
 
     step: float
+    interval: float = 0.0
 
     @property
     def every(self) -> int:
@@ -193,6 +196,11 @@ def find_increments(
     between *= -np.where(usable[:, :-1], variance[:, 1:-1], 0.0)[:, None]
     # Where an acceleration begins, trapezoids miss changes of the rate between samples.
     dynamic = (jerked * step**2 / 8) ** 2 + (changed * _TIMING) ** 2
+    if spacing.interval:
+        # A straight line over an interval T is off by up to T/8 times the change of the rate.
+        reach = 2 * ceil(spacing.interval / (spacing.every * step)) + 1
+        most = scipy.ndimage.maximum_filter1d(np.abs(changed), reach, axis=-1)
+        dynamic += (most * spacing.interval / 8) ** 2
     difference = _of_gyros(np.diff(g[at], axis=1), np.eye(len(inputs)))
     difference -= _of_gyros(increments, inputs)
     middle = np.median(variance, axis=-1)

@@ -5,10 +5,14 @@ a readback that is constant while the gyros measure a turn or that repeats each 
 checks all of these would look like a wrong unit or an exchanged column.
 """
 
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownMemberType=false
+
 from collections.abc import Sequence
 from math import degrees, pi, radians
 
 import numpy as np
+import scipy.ndimage
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
@@ -29,6 +33,11 @@ _JUMP = radians(10)  # a jump of the readback exceeds both neighbours by this
 _WHOLE_TURNS = {"°": 360.0, "rad": 2 * pi, "″": 1_296_000.0}
 _RESTART = 0.99  # part of a whole turn that the angle jumps where it starts again
 _REPEATED = 0.6  # fraction of the steps while the table turns
+_FEWEST_REPEATED, _SPAN, _CLEAR = 10, 5, 3.0  # steps; steps on each side; times the resolution
+_DUST = 1e-9  # rad: smaller changes are rounding errors
+_BEND = 0.01  # times the largest second difference within `_AROUND`: smaller ones are straight
+_AROUND, _LONGEST_INTERVAL = 0.5, 3.0  # s
+_COMPARABLE = 0.3  # s: straight lines over longer intervals hide how the rate changes
 _NORMAL = 1.4826
 _NAMED = 3  # most spikes that are named
 _BLOCK = 1 << 16  # samples
@@ -193,13 +202,27 @@ def spike_findings(recording: Recording, sensor: Sensor) -> tuple[Finding, ...]:
 
 
 def repeated_readback_finding(track: Track) -> Finding | None:
-    """Return a warning if the readback repeats each value while the table turns."""
+    """Return a warning if the readback repeats values while the table turns, or is too slow."""
+    if (interval := readback_interval(track)) > _COMPARABLE:
+        text = (
+            f"the readback was interpolated from {1 / interval:.3g} Hz: its angles are wrong while "
+            "the rate changes; record it with its own times at 10 Hz or more"
+        )
+        return Finding("warning", "readback", text)
     turning = (_largest_axis_rate(track) > _TURNING)[1:]
     if turning.sum() < 1 / _REPEATED:
         return None
-    same = np.asarray(~np.diff(track.angles, axis=0).any(axis=-1), dtype=np.bool_)
-    if float(same[turning].sum() / turning.sum()) < _REPEATED:
+    turned = np.abs(np.diff(track.angles, axis=0))
+    same = np.asarray(~turned.any(axis=-1), dtype=np.bool_)
+    # Single repeated rows count if an axis turns by more than its resolution before and after them.
+    resolution = np.min(turned, axis=0, initial=np.inf, where=turned > _DUST)
+    ahead = np.abs(track.angles[_SPAN:] - track.angles[:-_SPAN]) > _CLEAR * _SPAN * resolution
+    clear = np.zeros(same.size, np.bool_)
+    clear[_SPAN:-_SPAN] = (ahead[: -_SPAN - 1] & ahead[_SPAN + 1 :]).any(axis=-1)
+    few = (same & clear).sum() < _FEWEST_REPEATED
+    if few and float(same[turning].sum() / turning.sum()) < _REPEATED:
         return None
+    turning = turning if few else clear
     step = float(np.median(np.diff(track.time)))
     rate = 1 / (step * turning.sum() / max((~same[turning]).sum(), 1))
     text = (
@@ -208,6 +231,27 @@ def repeated_readback_finding(track: Track) -> Finding | None:
         "table_file, or record a new value in each row"
     )
     return Finding("warning", "readback", text)
+
+
+def readback_interval(track: Track) -> float:
+    """Return the time between the readings of a linearly interpolated readback, s, or else 0.
+
+    Between two readings the angles lie on straight lines, even while the rate changes.
+    """
+    step = float(np.median(np.diff(track.time)))
+    turned = np.diff(track.angles, axis=0)
+    # A coarse readback bends, too, but it stands still before or after its steps.
+    moves = np.minimum(np.abs(turned[1:]), np.abs(turned[:-1])) > _DUST
+    bend = np.where(moves, np.abs(np.diff(turned, axis=0)), 0.0).max(axis=-1)
+    around = scipy.ndimage.maximum_filter1d(bend, 2 * sample_count(_AROUND, step) + 1)
+    edges = np.diff(bend > np.maximum(_BEND * around, _DUST), prepend=False, append=False)
+    first, stop = np.flatnonzero(edges).reshape(-1, 2).T
+    apart = np.diff(first)
+    apart = apart[apart * step < _LONGEST_INTERVAL]
+    if apart.size < _FEWEST_REPEATED or np.median(stop - first) > 2:  # rows beside a reading
+        return 0.0
+    interval = float(np.median(apart)) * step
+    return interval if interval > 1.5 * step else 0.0
 
 
 def _largest_axis_rate(track: Track) -> Array:
