@@ -9,7 +9,7 @@ import numpy as np
 from inercal.basics.errors import InercalError, InputError, NotObserved, error_location
 from inercal.basics.units import ZERO_CELSIUS, Measured, format_duration
 from inercal.benches import Bench
-from inercal.benches.contradicting_rows import require_possible_rows
+from inercal.benches.contradicting_rows import require_possible_rows, require_right_columns
 from inercal.calibration import Calibration
 from inercal.calibration.best_cause import also as also_change
 from inercal.calibration.best_cause import changes_text
@@ -89,6 +89,7 @@ def _fitted(
         findings += check_repeated_rows(observations, sensor)
     if inputs.recording is not None:
         findings += copied_sections(inputs.recording, inputs.marks)
+    require_right_columns(run.path, observations, sensor, bench, inputs.steps)
     solver_sensor = inputs.sensor_of_samples(sensor)
     if thermal is not None:
         findings += thermal.findings
