@@ -151,6 +151,27 @@ def test_two_exchanged_mountings_are_named_even_if_the_fit_would_converge(
     assert {one.replace(" ", ""), two.replace(" ", "")} < set(words)
 
 
+@pytest.mark.parametrize(("position", "axis"), [("5", "ay"), ("11", "ax"), ("20", "az")])
+@pytest.mark.parametrize("leave_out", [(), NORMS])
+def test_an_axis_with_the_wrong_sign_in_one_mounting_is_named(
+    position: str, axis: str, leave_out: tuple[str, ...], tmp_path: Path
+):
+    def edit(rows: Rows) -> None:
+        at = ["ax", "ay", "az"].index(axis) + 4
+        for row in rows:
+            if row[0] == position:
+                row[at] = negated(row[at])
+
+    with pytest.raises(InputError, match=f"{axis} had the wrong sign .* {position} at"):
+        calibrate(changed(tmp_path, ARM, edit, leave_out))
+
+
+@pytest.mark.slow
+def test_a_wrong_sign_is_named_as_the_cause_although_the_fit_converges(tmp_path: Path):
+    found = calibrate(changed(tmp_path, ARM, cell(16, 4, negated))).verdict
+    assert "wrong readings in 6 at 80 rpm" in " ".join(found.lines)
+
+
 @pytest.mark.parametrize(("one", "two"), [("x", "y"), ("y", "z"), ("x", "z")])
 def test_two_exchanged_settings_of_a_rate_platform_are_named(one: str, two: str):
     made = platform_table(np.random.default_rng(1))

@@ -84,9 +84,9 @@ class _Table(NamedTuple):
     least: float
     compare: Callable[[Array, _Steps], tuple[Array, Array]]
 
-    def off(self, steps: _Steps) -> tuple[Array, Array]:
-        """Return the fit to all rows, carried out with these steps, and how far each row is off."""
-        pair = self.compare(self.read, steps)
+    def off(self, read: Array, steps: _Steps) -> tuple[Array, Array]:
+        """Return the fit to these readings in these steps, and how far each row is off."""
+        pair = self.compare(read, steps)
         fit = least_absolute_fit(*pair)
         return fit, _off(*pair, fit)
 
@@ -162,7 +162,7 @@ def contradicting_rows(
     if text := _wrong_column(table):
         return text, ()
     triad, read, labels, moves, least, compare = table
-    fit, off = table.off(moves)
+    fit, off = table.off(read, moves)
     limit = max(least, _SCATTER * float(np.median(off)))
     wild = sorted(np.flatnonzero(off > limit).tolist(), key=lambda k: -off[k])
     labels = tuple(labels[k] for k in wild)
@@ -187,33 +187,54 @@ def contradicting_rows(
 
 
 def _wrong_column(table: _Table) -> str:
-    """Return a mistake in a whole column of angles whose correction makes the rows agree."""
-    if table.least == _NORMS or not isinstance(table.moves[0], Spin | Index):
+    """Return a mistake in several rows whose correction makes all rows agree; empty if none."""
+    triad, read, moves, least = table.triad, table.read, table.moves, table.least
+    if least == _NORMS or not isinstance(moves[0], Spin | Index):
         return ""
-    wrong = int(np.sum(table.off(table.moves)[1] > table.least))
+    wrong = int(np.sum(table.off(read, moves)[1] > least))
     if wrong < _PAIR:
         return ""
-    axes, several = table.triad.input_axes(table.triad.axes[0].measures), wrong >= _COLUMN
-    for text, others in chain(
-        _other_columns(table.moves) if several else (), _exchanged_mountings(table.moves)
-    ):
-        other, off = table.off(others)
-        near = np.abs(other[:-1].T - axes).max() < _LARGEST_ERROR
-        if near and np.sum(off > table.least) <= int(several):
+    axes, several = triad.input_axes(triad.axes[0].measures), wrong >= _COLUMN
+    columns = _other_columns(moves) if several else ()
+    tried = ((text, read, steps) for text, steps in chain(columns, _exchanged_mountings(moves)))
+    for text, seen, steps in chain(_reversed_axes(table), tried):
+        fit, off = table.off(seen, steps)
+        near = np.abs(fit[:-1].T - axes).max() < _LARGEST_ERROR
+        if near and np.sum(off > least) <= int(several):
             return f"the readings look as if {text}"
     return ""
 
 
 def _exchanged_mountings(moves: _Steps) -> Iterator[tuple[str, _Steps]]:
     """Yield exchanges of two mountings in all their rows."""
-    first: dict[Attitude, str] = {}
+    for (one, first), (two, second) in combinations(_mountings(moves).items(), 2):
+        swap = {one: two, two: one}
+        text = f"{first} and {second} were exchanged; exchange them"
+        yield (
+            text,
+            [replace(step, attitude=swap.get(step.attitude, step.attitude)) for step in moves],
+        )
+
+
+def _reversed_axes(table: _Table) -> Iterator[tuple[str, Array, _Steps]]:
+    """Yield readings with the sign of one axis changed in all rows of one mounting."""
+    for mounting, name in _mountings(table.moves).items():
+        rows = [step.attitude == mounting for step in table.moves]
+        for k, channel in enumerate(table.triad.channels):
+            read = table.read.copy()
+            read[rows, k] *= -1
+            text = f"{channel} had the wrong sign in all rows of {name}; correct the sign"
+            yield text, read, table.moves
+
+
+def _mountings(moves: _Steps) -> dict[Attitude, str]:
+    """Return the mountings and their names; a mounting without one is named by its first row."""
+    found: dict[Attitude, str] = {}
     for step in moves:
         if isinstance(step, Spin) and step.attitude is not None:
-            first.setdefault(step.attitude, step.attitude.name or f"of {step.label}")
-    for one, two in combinations(first, 2):
-        swap = {one: two, two: one}
-        text = f"the mountings {first[one]} and {first[two]} were exchanged; exchange them"
-        yield text, [replace(s, attitude=swap.get(s.attitude, s.attitude)) for s in moves]
+            name = step.attitude.name or f"of {step.label}"
+            found.setdefault(step.attitude, f"the mounting {name}")
+    return found
 
 
 def least_absolute_fit(columns: Array, read: Array) -> Array:
