@@ -205,7 +205,14 @@ def test_gyros_on_a_bench_of_ones_own_are_compared_with_its_rates():
     def found() -> tuple[str, tuple[str, ...]]:
         ones = np.ones(12)
         seen = Observations(
-            labels, y, np.zeros((12, 3, 3)), ones, ones, ones.astype(int), sensor.channels, np.inf
+            labels,
+            y,
+            np.zeros((12, 3, 3)),
+            ones,
+            ones,
+            np.ones(12, dtype=np.int64),
+            sensor.channels,
+            np.inf,
         )
         return contradicting_rows(seen, sensor, Wheel(), steps)
 
