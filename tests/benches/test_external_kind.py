@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,17 @@ from scipy.stats import chi2
 from tests.base_seeds import evidence
 from tests.external_bench import FOLDER, register_example_bench
 
+from inercal.basics.errors import InputError
+from inercal.benches import MeanMotion
+from inercal.benches.contract import NoReadingOffsets
+from inercal.benches.contradicting_rows import contradicting_rows
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import triad
 from inercal.pipeline import calibrate, simulate, simulate_files
 from inercal.pipeline.budget import budget
 from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
 from inercal.pipeline.design.worksheet import build_worksheet, worksheet_csv
+from inercal.recordings import Observations
 from inercal.recordings.io.write import write_recording
 from inercal.report import write_report
 from inercal.runfile import read
@@ -118,6 +125,100 @@ def test_a_violation_of_its_model_is_said(run_file: Path):
     assert verdict.grade != "consistent"
     assert verdict.suspect is not None
     assert "k3" in verdict.suspect.name
+
+
+Rows = list[list[float | str]]
+
+
+def plate_table(folder: Path, edit: Callable[[Rows], None]) -> Path:
+    """Write a run file with a table of means in 16 attitudes, after a change of its rows."""
+    rng = np.random.default_rng(3)
+    gain = np.diag([1.004, 0.997, 1.002]) + 1e-3 * rng.standard_normal((3, 3))
+    bias, rows = 0.01 * rng.standard_normal(3), Rows()
+    for plane in ("xz", "yz"):
+        for angle in range(0, 360, 45):
+            sine, cosine = np.sin(np.radians(angle)), np.cos(np.radians(angle))
+            f = np.array([sine * (plane == "xz"), sine * (plane == "yz"), cosine])
+            read_in = gain @ f + bias + 3e-5 * rng.standard_normal(3)
+            rows.append([plane, float(angle), *read_in.tolist()])
+    edit(rows)
+    lines = (",".join([row[0], *(f"{x:.6f}" for x in row[1:])]) for row in rows)  # type: ignore
+    (folder / "means.csv").write_text("plane,angle,ax,ay,az\n" + "\n".join(lines), "utf-8")
+    text = (folder / "tilt.toml").read_text(encoding="utf-8")
+    for old, new in (
+        ('file = "tilt.csv"', 'file = "means.csv"\nkind = "means"'),
+        ('white = "60 µg/√Hz"\n', ""),
+        ('label = "position"\nmarks = "labels"\n', ""),
+        ("[method]", '[data.sd]\naccelerometer = "30 µg"\n[method]'),
+    ):
+        text = text.replace(old, new)
+    (folder / "means.toml").write_text(text, encoding="utf-8")
+    return folder / "means.toml"
+
+
+def reverse(rows: Rows) -> None:
+    rows[2][2] = -float(rows[2][2])
+
+
+def multiply(rows: Rows) -> None:
+    rows[3][4] = 10 * float(rows[3][4])
+
+
+def exchange(rows: Rows) -> None:
+    rows[2][2:], rows[12][2:] = rows[12][2:], rows[2][2:]
+
+
+def test_a_fit_that_fails_names_the_wrong_row(run_file: Path, tmp_path: Path):
+    assert calibrate(plate_table(tmp_path, lambda _: None)).verdict.grade == "consistent"
+    with pytest.raises(InputError, match="sign of ax") as caught:
+        calibrate(plate_table(tmp_path, reverse))
+    assert caught.value.names == ("xz 90",)
+
+
+@pytest.mark.parametrize(
+    ("edit", "rows"), [(multiply, ("xz 135",)), (exchange, ("xz 90", "yz 180"))]
+)
+def test_rows_that_a_fit_cannot_meet_are_named_as_the_cause(
+    run_file: Path, tmp_path: Path, edit: Callable[[Rows], None], rows: tuple[str, ...]
+):
+    found = calibrate(plate_table(tmp_path, edit)).verdict
+    assert found.grade == "unreliable"
+    (line,) = (one for one in found.lines if one.startswith("Most likely cause"))
+    assert all(row in line for row in rows)
+
+
+def test_gyros_on_a_bench_of_ones_own_are_compared_with_its_rates():
+    """A wheel about z, with three axes of the sensor along it one after the other."""
+
+    class Wheel(NoReadingOffsets):
+        def mean_motion(self, steps: Sequence[int], q: object) -> MeanMotion:
+            w = np.array([np.eye(3)[k % 3] * (-1) ** k * (1 + k) for k in steps])
+            return MeanMotion(Motion(0 * w, w))
+
+    for name in ("parameters", "gravity", "nuisances", "__dataclass_fields__"):
+        setattr(Wheel, name, {})
+    steps, sensor = range(12), triad("g", "w", "xyz")
+    rng = np.random.default_rng(1)
+    y = Wheel().mean_motion(steps, {}).w * 1.01 + 0.02 + 1e-4 * rng.standard_normal((12, 3))
+    labels = tuple(f"row {k}" for k in steps)
+
+    def found() -> tuple[str, tuple[str, ...]]:
+        ones = np.ones(12)
+        seen = Observations(
+            labels,
+            y,
+            np.zeros((12, 3, 3)),
+            ones,
+            ones,
+            np.ones(12, dtype=np.int64),
+            sensor.channels,
+            np.inf,
+        )
+        return contradicting_rows(seen, sensor, Wheel(), steps)
+
+    assert found() == ("", ())
+    y[4] *= -1
+    assert found()[1] == ("row 4",)
 
 
 def test_trials_are_simulated_together(run_file: Path):

@@ -14,7 +14,7 @@ from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
 from inercal.benches.dividing_head.reading import observe
 from inercal.calibration.best_cause import SuspectedCause, action_on
-from inercal.calibration.detectability import scale_remarks
+from inercal.calibration.plausible_sizes import scale_remarks
 from inercal.estimation import Estimate
 from inercal.methods import Fit
 from inercal.methods.dividing_head_problem import remarks

@@ -110,6 +110,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {"live/imu.toml"}  # by tests/examples/test_live_example.py
     run |= {"verdict/auto.toml"}  # by tests/runs/test_added_coefficients.py
     run |= {"own_bench/tilt.toml"}  # by tests/benches/test_external_kind.py
+    run |= {"one_axis_arm/arm.toml"}  # by tests/examples/test_one_axis_arm.py
     # by tests/runs/test_log_runs.py
     run |= {f"logs/{path.name}" for path in (ROOT / "examples" / "logs").glob("*.toml")}
     run |= {f"single_axis/{name}.toml" for name in ("record_player", "cluster")}

@@ -3,7 +3,10 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+from tests.suspects.rate_platform_runs import arguments
+from tests.suspects.rate_platform_runs import table as platform_table
 
 from inercal.basics.errors import InputError
 from inercal.benches.contradicting_rows import contradicting_rows
@@ -132,6 +135,51 @@ def test_a_moved_column_of_mountings_is_named_before_the_fit(tmp_path: Path):
     moved = columns(0, new=lambda rows: [*rows[:1], *rows[:-1]])
     with pytest.raises(InputError, match="down by one row"):
         of_run(changed(tmp_path, SHIP, moved))
+
+
+@pytest.mark.parametrize(
+    ("one", "two"), [("XY", "YX"), ("XY", "ZY"), ("XY 30", "XY 60"), ("XY 135", "YX 30")]
+)
+def test_two_exchanged_mountings_are_named_even_if_the_fit_would_converge(
+    one: str, two: str, tmp_path: Path
+):
+    swap = {one: two, two: one}
+    exchanged = columns(0, new=lambda rows: [[swap.get(cell, cell)] for (cell,) in rows])
+    with pytest.raises(InputError, match="were exchanged") as caught:
+        calibrate(changed(tmp_path, SHIP, exchanged))
+    words = str(caught.value).split()
+    assert {one.replace(" ", ""), two.replace(" ", "")} < set(words)
+
+
+@pytest.mark.parametrize(("position", "axis"), [("5", "ay"), ("11", "ax"), ("20", "az")])
+@pytest.mark.parametrize("leave_out", [(), NORMS])
+def test_an_axis_with_the_wrong_sign_in_one_mounting_is_named(
+    position: str, axis: str, leave_out: tuple[str, ...], tmp_path: Path
+):
+    def edit(rows: Rows) -> None:
+        at = ["ax", "ay", "az"].index(axis) + 4
+        for row in rows:
+            if row[0] == position:
+                row[at] = negated(row[at])
+
+    with pytest.raises(InputError, match=f"{axis} had the wrong sign .* {position} at"):
+        calibrate(changed(tmp_path, ARM, edit, leave_out))
+
+
+@pytest.mark.slow
+def test_a_wrong_sign_is_named_as_the_cause_although_the_fit_converges(tmp_path: Path):
+    found = calibrate(changed(tmp_path, ARM, cell(16, 4, negated))).verdict
+    assert "wrong readings in 6 at 80 rpm" in " ".join(found.lines)
+
+
+@pytest.mark.parametrize(("one", "two"), [("x", "y"), ("y", "z"), ("x", "z")])
+def test_two_exchanged_settings_of_a_rate_platform_are_named(one: str, two: str):
+    made = platform_table(np.random.default_rng(1))
+    swap = {one: two, two: one}
+    made["axis"] = np.array([swap.get(axis, axis) for axis in made["axis"].tolist()])
+    with pytest.raises(InputError) as caught:
+        calibrate(made, **arguments())
+    assert caught.value.names == tuple(sorted((one, two)))
 
 
 @pytest.mark.slow

@@ -2,27 +2,30 @@
 
 One wrong entry can make a nonlinear fit diverge, so this check needs no fit by the method. It fits
 y = S f + b to the readings y and the nominal specific force f by least absolute deviations, each
-row divided by its |f|. If attitudes are not known, it compares norms.
+row divided by its |f|. If attitudes are not known, it compares norms. Gyros without accelerometers
+are compared with the nominal rates in the same way, all rows divided by the largest rate.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, combinations, pairwise
 from math import degrees, pi
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.benches.contract import MeanBench
-from inercal.physics.plan import Index, Spin, arm_attitude
+from inercal.physics.plan import Attitude, Index, Spin, Turn, arm_attitude
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 
 _ALIKE, _REWEIGHTED = 1e-3, 20  # relative: smaller residuals have equal weight; iterations
 _VECTORS, _NORMS, _SCATTER = 0.05, 0.3, 8.0  # limits, relative to |f|; times the median residual
 _FEWEST, _COLUMN, _MOST_LISTED, _MOST_REPAIRS = 6, 4, 4, 3  # rows, rows, rows, changes
+_PAIR, _LEAST_RATE = 2, 1e-3  # rows; rad/s: the earth's rate alone shows no wrong row
 _LARGEST_ERROR = 0.3  # of scale factors and axes
 _REPAIR_WORDS = {
     "sign": "changing the sign of",
@@ -30,7 +33,7 @@ _REPAIR_WORDS = {
     "decimal": "moving the decimal point of",
     "digit": "changing the digit of",
 }
-_Steps = Sequence[Spin | Index]
+_Steps = Sequence[Any]
 
 
 def require_possible_rows(
@@ -55,6 +58,87 @@ def require_possible_rows(
         raise InputError(f"{path}: {text}", file=path, names=labels) from None
 
 
+def require_right_columns(
+    path: Path, observations: Observations, sensor: Sensor, bench: object, steps: Sequence[object]
+) -> None:
+    """Refuse rows that only agree after the correction of a mistake in a whole column of angles.
+
+    Such a mistake may leave a fit that converges. Parameters and errors are those of
+    `require_possible_rows`.
+    """
+    table = _compared_table(observations, sensor, bench, steps)
+    if table is not None and (text := _wrong_column(table)):
+        raise InputError(f"{path}: {text}", file=path)
+
+
+class _Table(NamedTuple):
+    """The rows that can be compared with the bench, and a function that compares some of them.
+
+    `compare` returns the columns of the fit and the readings, in units of the nominal input.
+    """
+
+    triad: Sensor
+    read: Array
+    labels: tuple[str, ...]
+    moves: _Steps
+    least: float
+    compare: Callable[[Array, _Steps], tuple[Array, Array]]
+
+    def off(self, read: Array, steps: _Steps) -> tuple[Array, Array]:
+        """Return the fit to these readings in these steps, and how far each row is off."""
+        pair = self.compare(read, steps)
+        fit = least_absolute_fit(*pair)
+        return fit, _off(*pair, fit)
+
+
+def _compared_table(
+    observations: Observations, sensor: Sensor, bench: object, steps: Sequence[Any]
+) -> _Table | None:
+    """Return the rows with a nominal motion, or None if there are too few."""
+    kind = "f" if sensor.select_axes("f").axes else "w"
+    triad, unit = sensor.select_axes(kind), G0 if kind == "f" else 1.0
+    mean = observations.mean
+    if mean.ndim != len(("row", "axis")) or len(mean) != len(steps) or not triad.axes:
+        return None
+    if not isinstance(bench, MeanBench) or any(getattr(s, "azimuth", None) for s in steps):
+        return None
+    rows = [k for k, step in enumerate(steps) if kind == "w" or not _turns_about_platform(step)]
+    moves, read = [steps[k] for k in rows], mean[rows, : len(triad.axes)]
+    norms = any(isinstance(step, Spin) and step.attitude is None for step in moves)
+
+    def nominal(some: _Steps) -> Array:
+        if norms:
+            some = [replace(step, attitude=arm_attitude(0.0, 0.0)) for step in some]
+        motion = bench.mean_motion(some, {})
+        return motion.f if kind == "f" else motion.w
+
+    try:
+        size = np.linalg.norm(nominal(moves), axis=-1)
+    except InputError:  # the attitudes are not known
+        return None
+    if len(rows) < _FEWEST or not np.isfinite(read).all() or size.max() < _LEAST_RATE:
+        return None
+    largest = float(size.max())
+
+    def compare(y: Array, some: _Steps) -> tuple[Array, Array]:
+        x = nominal(some)
+        size = np.linalg.norm(x, axis=-1, keepdims=True)
+        size = size if kind == "f" else np.full_like(size, largest)
+        if norms:
+            return np.ones_like(size), np.linalg.norm(y, axis=-1, keepdims=True) / size
+        return np.concatenate([x, np.full_like(size, unit)], axis=-1) / size, y / size
+
+    labels = tuple(observations.labels[k] for k in rows)
+    return _Table(triad, read, labels, moves, _NORMS if norms else _VECTORS, compare)
+
+
+def _turns_about_platform(step: object) -> bool:
+    """Return whether the force on the accelerometers depends on their place in the case."""
+    from inercal.benches.rate_platform.sections import RateDwell
+
+    return isinstance(step, Turn) or (isinstance(step, RateDwell) and step.rate != 0)
+
+
 def contradicting_rows(
     observations: Observations, sensor: Sensor, bench: object, steps: Sequence[object]
 ) -> tuple[str, tuple[str, ...]]:
@@ -68,57 +152,89 @@ def contradicting_rows(
         Means of r rows, without a trial axis; the accelerometers come first.
     sensor : Sensor
     bench : object
-        The bench; only a bench with nominal specific forces (`MeanBench`) is checked.
+        The bench; only a bench with nominal motions (`MeanBench`) is checked.
     steps : sequence of r object
-        The steps of the rows; only tables of `Spin` and `Index` are checked.
+        The steps of the rows.
     """
-    triad, moves = sensor.select_axes("f"), [s for s in steps if isinstance(s, Spin | Index)]
-    read, axes = observations.mean[..., : len(triad.axes)], triad.input_axes("f")
-    if read.ndim != axes.ndim or not _FEWEST <= len(moves) == len(read) or not len(axes):
+    table = _compared_table(observations, sensor, bench, steps)
+    if table is None:
         return "", ()
-    if not isinstance(bench, MeanBench) or any(getattr(s, "azimuth", None) for s in moves):
-        return "", ()
-    norms = any(isinstance(step, Spin) and step.attitude is None for step in moves)
-
-    def compared(y: Array, some: _Steps) -> tuple[Array, Array]:
-        """Return the columns of the fit and the readings, divided by |f|."""
-        if norms:
-            some = [replace(step, attitude=arm_attitude(0.0, 0.0)) for step in some]
-        f = bench.mean_motion(some, {}).f
-        size = np.linalg.norm(f, axis=-1, keepdims=True)
-        if norms:
-            return np.ones_like(size), np.linalg.norm(y, axis=-1, keepdims=True) / size
-        return np.concatenate([f, np.full_like(size, G0)], axis=-1) / size, y / size
-
-    least = _NORMS if norms else _VECTORS
-    fit = least_absolute_fit(*compared(read, moves))
-    off = _off(*compared(read, moves), fit)
-    several = not norms and np.sum(off > least) >= _COLUMN
-    for text, others in _other_columns(moves) if several else ():
-        other = least_absolute_fit(*compared(read, others))
-        near = np.abs(other[:-1].T - axes).max() < _LARGEST_ERROR
-        if near and np.sum(_off(*compared(read, others), other) > least) <= 1:
-            return f"the readings look as if {text}", ()
+    if text := _wrong_column(table):
+        return text, ()
+    triad, read, labels, moves, least, compare = table
+    fit, off = table.off(read, moves)
     limit = max(least, _SCATTER * float(np.median(off)))
-    wild = np.flatnonzero(off > limit).tolist()
-    labels = tuple(observations.labels[k] for k in wild)
+    wild = sorted(np.flatnonzero(off > limit).tolist(), key=lambda k: -off[k])
+    labels = tuple(labels[k] for k in wild)
     peaks = {f"{np.abs(triad.to_output(read[k])).max():.6g}" for k in wild}
     if len(wild) >= _COLUMN and len(peaks) == 1:
         text = f"the largest reading of {', '.join(labels[:_MOST_LISTED])} and other rows is always"
         return f"{text} {peaks.pop()}, where the output is clipped; remove these rows", labels
     lines: list[str] = []
+    word = "force" if triad.axes[0].measures == "f" else "largest rate"
     for k, label in zip(wild[:_MOST_LISTED], labels, strict=False):
         repairs: list[str] = []
         for some in _changes(read[[k]], triad, moves, moves[k]):
-            repairs = [text for text, y, step in some if _off(*compared(y, [step]), fit) < limit]
+            repairs = [text for text, y, step in some if _off(*compare(y, [step]), fit) < limit]
             if repairs:
                 break
         fix = f", which {' or '.join(repairs)} would correct" if repairs else ""
         fix *= len(repairs) <= _MOST_REPAIRS
-        lines.append(f"{label} is off by {100 * off[k]:.0f} % of the force{fix}")
+        lines.append(f"{label} is off by {100 * off[k]:.0f} % of the {word}{fix}")
     more = f"; and {len(wild) - len(lines)} more" if len(wild) > len(lines) else ""
     text = f"rows contradict the bench: {'; '.join(lines)}{more}; check them, or remove them"
     return (text, labels) if lines else ("", ())
+
+
+def _wrong_column(table: _Table) -> str:
+    """Return a mistake in several rows whose correction makes all rows agree; empty if none."""
+    triad, read, moves, least = table.triad, table.read, table.moves, table.least
+    if least == _NORMS or not isinstance(moves[0], Spin | Index):
+        return ""
+    wrong = int(np.sum(table.off(read, moves)[1] > least))
+    if wrong < _PAIR:
+        return ""
+    axes, several = triad.input_axes(triad.axes[0].measures), wrong >= _COLUMN
+    columns = _other_columns(moves) if several else ()
+    tried = ((text, read, steps) for text, steps in chain(columns, _exchanged_mountings(moves)))
+    for text, seen, steps in chain(_reversed_axes(table), tried):
+        fit, off = table.off(seen, steps)
+        near = np.abs(fit[:-1].T - axes).max() < _LARGEST_ERROR
+        if near and np.sum(off > least) <= int(several):
+            return f"the readings look as if {text}"
+    return ""
+
+
+def _exchanged_mountings(moves: _Steps) -> Iterator[tuple[str, _Steps]]:
+    """Yield exchanges of two mountings in all their rows."""
+    for (one, first), (two, second) in combinations(_mountings(moves).items(), 2):
+        swap = {one: two, two: one}
+        text = f"{first} and {second} were exchanged; exchange them"
+        yield (
+            text,
+            [replace(step, attitude=swap.get(step.attitude, step.attitude)) for step in moves],
+        )
+
+
+def _reversed_axes(table: _Table) -> Iterator[tuple[str, Array, _Steps]]:
+    """Yield readings with the sign of one axis changed in all rows of one mounting."""
+    for mounting, name in _mountings(table.moves).items():
+        rows = [step.attitude == mounting for step in table.moves]
+        for k, channel in enumerate(table.triad.channels):
+            read = table.read.copy()
+            read[rows, k] *= -1
+            text = f"{channel} had the wrong sign in all rows of {name}; correct the sign"
+            yield text, read, table.moves
+
+
+def _mountings(moves: _Steps) -> dict[Attitude, str]:
+    """Return the mountings and their names; a mounting without one is named by its first row."""
+    found: dict[Attitude, str] = {}
+    for step in moves:
+        if isinstance(step, Spin) and step.attitude is not None:
+            name = step.attitude.name or f"of {step.label}"
+            found.setdefault(step.attitude, f"the mounting {name}")
+    return found
 
 
 def least_absolute_fit(columns: Array, read: Array) -> Array:
@@ -145,13 +261,13 @@ def _off(columns: Array, read: Array, fit: Array) -> Array:
 
 
 def _changes(
-    read: Array, triad: Sensor, moves: _Steps, own: Spin | Index
-) -> Iterator[list[tuple[str, Array, Spin | Index]]]:
+    read: Array, triad: Sensor, moves: _Steps, own: Any
+) -> Iterator[list[tuple[str, Array, Any]]]:
     """Yield lists of single changes to a row, as text, reading and step; one digit comes last."""
     written = triad.to_output(read[0])
     values = dict(zip(triad.channels, written.tolist(), strict=True))
 
-    def entries(some: Iterable[Repair]) -> list[tuple[str, Array, Spin | Index]]:
+    def entries(some: Iterable[Repair]) -> list[tuple[str, Array, Any]]:
         after = ((one.describe(), [list((values | one.after).values())]) for one in some)
         return [(text, triad.to_si(np.array(row)), own) for text, row in after]
 

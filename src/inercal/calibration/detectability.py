@@ -18,10 +18,6 @@ be larger.
 Source: Baarda 1968, A testing procedure for use in geodetic networks, Netherlands Geodetic
 Commission (external reliability).
 
-If a plan leaves few or no degrees of freedom, a wrong reading shows in no residual, but the terms
-beyond bias, scale factor and misalignment become large. In healthy MEMS sensors, these terms change
-the reading by at most 0.2 % of 1 g or 1 rad/s, at 1 g or 1 rad/s. The limit is ten times as large.
-
 A latitude φ with the wrong sign changes the vertical earth rate by 2 ω sin φ. If the force on the
 gyros is gravity, this acts like a g-sensitivity along I that all gyros have in common and that no
 residual shows::
@@ -43,10 +39,9 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
-from inercal.basics.units import Measured, format_quantity, format_value_and_uncertainty
+from inercal.basics.units import Measured, format_quantity
 from inercal.estimation import Estimate, ScoreTest
 from inercal.physics.earth import earth_rate_up_north
-from inercal.physics.quantities import ANGULAR_RATE, SPECIFIC_FORCE
 from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.coefficient_tables import TERMS, ErrorTerm
 from inercal.recordings import Finding
@@ -185,53 +180,9 @@ def _undetected_sizes(score: ScoreTest, moved: float, sensor: Sensor) -> list[fl
     return [CRITICAL_SHIFT * one / moved for one in size]
 
 
-_GROUPS = ("nonlinearity", "asymmetry", "cross", "g", "g2")
-_LARGEST = 0.02  # of the natural size
-_FAR_SCALE = 0.1  # the scale factors of most sensors are within a few percent of nominal
-_SIGMAS = 6.0  # standard deviations by which a coefficient must exceed the limit
 _LIKELY = 500.0
 _TRIALS = 200  # standard deviations σ that are tried
 _FEWEST = 2  # gyros that can have a sensitivity in common
-
-
-def counts_remark(estimate: Estimate, sensor: Sensor) -> Iterator[str]:
-    """Yield the estimated scale factors of accelerometers that read counts, if there are any."""
-    value = dict(zip(sensor.coefficients, estimate.value.tolist(), strict=False))
-    found = [
-        f"{axis.name} {G0 * axis.readout.scale * (1 + value[f'{axis.name}.k1']):.6g}"
-        for axis in sensor.axes
-        if axis.readout.unit == "LSB" and f"{axis.name}.k1" in value
-    ]
-    if found:
-        yield f"The scale factors of the accelerometers are {', '.join(found)} LSB/g"
-
-
-def scale_remarks(estimate: Estimate, sensor: Sensor) -> Iterator[str]:
-    """Yield a remark for each kind of sensor whose scale factors are far from the stated one."""
-    value = dict(zip(sensor.coefficients, estimate.value.tolist(), strict=False))
-    for kind in (SPECIFIC_FORCE, ANGULAR_RATE):
-        axes = (axis.name for axis in sensor.axes if axis.measures == kind.symbol)
-        errors = (value.get(f"{name}.{kind.scale}", 0.0) for name in axes)
-        size = max(errors, key=abs, default=0.0)
-        if abs(size) > _FAR_SCALE:
-            yield (
-                f"The scale factors of the {kind.sensors} differ by up to {100 * abs(size):.0f} % "
-                f"from the stated one: check the scale and the unit in [sensor.{kind.sensor}]"
-            )
-
-
-def implausible_sizes(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
-    """Yield a warning for each implausibly large coefficient of an estimate without trial axis."""
-    sds = np.sqrt(np.diag(estimate.covariance)).tolist()
-    for name, value, sd in zip(sensor.coefficients, estimate.value.tolist(), sds, strict=False):
-        line = sensor.coefficient(name)
-        if line.group in _GROUPS and abs(value) > _LARGEST * line.unit_scale + _SIGMAS * sd:
-            size = f"{format_value_and_uncertainty(value / line.si, sd / line.si)[0]} {line.unit}"
-            yield Finding(
-                "warning",
-                "size",
-                f"{name} is {size}, implausibly large; look for a wrong reading",
-            )
 
 
 def wrong_latitude_sign(

@@ -22,9 +22,6 @@ from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, PlainAdvisor,
 from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,
-    counts_remark,
-    implausible_sizes,
-    scale_remarks,
     undetectable_causes,
     undetectable_exact_parameters,
 )
@@ -54,6 +51,13 @@ from inercal.calibration.next_steps import (
     steps_on_findings,
     steps_on_undetectable,
 )
+from inercal.calibration.plausible_sizes import (
+    bias_remarks,
+    counts_remark,
+    implausible_sizes,
+    scale_remarks,
+    wrong_unit,
+)
 from inercal.calibration.suspect_text import (
     alternatives,
     bench_words,
@@ -65,13 +69,12 @@ from inercal.estimation import Estimate
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL, remaining_p_value
 from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.quantities import QUANTITIES
-from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_selection import GROUP_WORDS, axis_words, coefficient_words
 from inercal.recordings import Finding, merge_messages
 
 _DRIFT_PREFIX = "drift of "  # followed by the axis
 _NO_REACTION = 3.0  # standard uncertainties of a scale factor that cannot be told from 0
-_UNIT_RATIO_TOLERANCE = 0.1  # relative tolerance for recognising a scale factor as a ratio of units
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
 UNSEEN = "unseen"
 """`Finding.what` for an effect that a method cannot detect."""
@@ -202,6 +205,7 @@ def verdict(
                 *estimate.notes,
                 *counts_remark(estimate, sensor),
                 *(() if far else scale_remarks(estimate, sensor)),
+                *bias_remarks(estimate, sensor),
             )
         ),
         explanation.CHECKS: merge_messages([*told, *noted]),
@@ -308,10 +312,8 @@ def _scale_errors(
         cause = f"its nominal scale factor or {reading} is wrong"
         if scale < 0:
             cause = f"the axis is reversed{sensor.negative_scales}"
-        elif term == "k1":
-            for ratio, words in ((G0, "m/s² stated as g"), (1 / G0, "g stated as m/s²")):
-                if abs(scale / ratio - 1) < _UNIT_RATIO_TOLERANCE:
-                    cause = f"its column looks like {words}"
+        else:
+            cause = wrong_unit(next(a for a in sensor.axes if a.name == axis), scale) or cause
         words = axis_words(sensor, axis)
         if shared and sensor.measures[axis] == "m":
             words, cause = "each magnetometer", ALL_SCALES

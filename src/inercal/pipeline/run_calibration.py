@@ -9,7 +9,11 @@ import numpy as np
 from inercal.basics.errors import InercalError, InputError, NotObserved, error_location
 from inercal.basics.units import ZERO_CELSIUS, Measured, format_duration
 from inercal.benches import Bench
-from inercal.benches.contradicting_rows import require_possible_rows
+from inercal.benches.contradicting_rows import (
+    contradicting_rows,
+    require_possible_rows,
+    require_right_columns,
+)
 from inercal.calibration import Calibration
 from inercal.calibration.best_cause import also as also_change
 from inercal.calibration.best_cause import changes_text
@@ -37,6 +41,8 @@ from inercal.recordings.io.row_checks import copied_sections
 from inercal.runfile import Run
 
 _PART = 0.05  # of a section; a smaller part that is not used is not remarked
+_CONTRADICTED = 100.0  # times the noise: with such residuals, a linear step names wrong rows
+_MOST_WRONG = 2  # rows that are named as the cause
 
 if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.norm_equations import Generation, SearchHistory
@@ -89,6 +95,7 @@ def _fitted(
         findings += check_repeated_rows(observations, sensor)
     if inputs.recording is not None:
         findings += copied_sections(inputs.recording, inputs.marks)
+    require_right_columns(run.path, observations, sensor, bench, inputs.steps)
     solver_sensor = inputs.sensor_of_samples(sensor)
     if thermal is not None:
         findings += thermal.findings
@@ -128,6 +135,11 @@ def _fitted(
     )
     if not np.all(estimate.converged):
         require_possible_rows(run.path, observations, sensor, bench, inputs.steps)
+    elif estimate.largest_birge_ratio > _CONTRADICTED:
+        text, labels = contradicting_rows(observations, sensor, bench, inputs.steps)
+        if labels and len(labels) <= _MOST_WRONG:
+            cause = f"wrong readings in {' and '.join(labels)}"
+            findings += (Finding("warning", "rows", text, cause=cause),)
     remarks = run.method.remarks(fit)
     findings += remarks.findings
     findings += stated_noise_findings(

@@ -61,6 +61,8 @@ def require_rates(
     seen = np.abs(nominal).max(axis=1, initial=0.0) > _CLEAR * np.linalg.norm(rates, axis=1)
     read = observations.mean[:, gyros] - _rough_bias(observations.mean[:, gyros], nominal)
     names = [run.sensor.channels[k] for k in gyros]
+    body = read @ run.sensor.input_axes("w")
+    _require_settings(run, steps, {k: body[k] for k in turning if len(gyros) == len("xyz")})
     for k in turning if gyros else ():
         most = int(np.argmax(np.abs(read[k])))
         if not seen[k] and abs(read[k, most]) > _CLEAR * abs(rates[k]).max():
@@ -83,6 +85,29 @@ def require_rates(
     if not _USABLE[0] < ratio < _USABLE[1]:
         with error_location(run.path):
             _refuse_unit(run, ratio)
+
+
+def _require_settings(
+    run: RunBase[RatePlatformData], steps: Sequence[PlatformStep], read: dict[int, Array]
+) -> None:
+    """Refuse two settings whose axes were exchanged in all their rows.
+
+    `read` contains the readings of three axes in each usable row, as a vector in the case.
+    """
+    up: dict[str, set[str]] = {}
+    for k, one in read.items():
+        step, at = steps[k], int(np.argmax(np.abs(one)))
+        if isinstance(step, RateDwell):
+            sign = np.sign(one[at]) * (np.sign(step.rate) or 1)
+            up.setdefault(step.axis, set()).add("-" * bool(sign < 0) + "xyz"[at])
+    for stated, (found, *others) in ((a, sorted(b)) for a, b in up.items()):
+        if stated < found and not others and up.get(found) == {stated}:
+            text = (
+                f"the readings look as if the settings {stated} and {found} were exchanged; "
+                "exchange them in the table or labels, or correct the order and signs of the "
+                "columns of the sensor"
+            )
+            raise InputError(f"{run.path}: {text}", file=run.path, names=(stated, found))
 
 
 def _require_sizes(
@@ -228,9 +253,11 @@ def require_axes_up(
     nominal = bench.mean_motion(steps, {}).f @ run.sensor.input_axes("f").T
     if forces and steps and all(isinstance(step, Pose) for step in steps):
         _require_pose_columns(run, observations.mean[:, forces], bench, steps, nominal)
-    for k, step in enumerate(steps if forces else ()):
-        if isinstance(step, RateDwell) and step.rate != 0:
-            continue
+    still = [k for k, s in enumerate(steps) if not (isinstance(s, RateDwell) and s.rate != 0)]
+    still = still if forces else []
+    body = observations.mean[:, forces] @ run.sensor.input_axes("f")
+    _require_settings(run, steps, {k: body[k] for k in still if len(forces) == len("xyz")})
+    for k, step in ((k, steps[k]) for k in still):
         read = observations.mean[k, forces]
         limit = _STEEPEST * np.linalg.norm(read) * np.linalg.norm(nominal[k])
         few = len(forces) < len("xyz")  # they may be across gravity

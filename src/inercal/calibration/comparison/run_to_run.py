@@ -22,6 +22,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.calibration.comparison import Comparison, different_sensors
 from inercal.calibration.comparison.changes import CHANCE_FRACTION, JointTest, joint_test
+from inercal.calibration.comparison.common_scale import common_scale_lines
 from inercal.calibration.grade import GRADE_WORDS
 from inercal.calibration.specification import load_next_use
 from inercal.calibration.suspect_text import p_value_text
@@ -194,6 +195,7 @@ def _test_lines(compared: Comparison) -> list[str]:
     )
     if compared.joint_test is not None:
         lines.append(f"all together: {joint_test_text(compared.joint_test)}")
+    lines += common_scale_lines(compared)
     return [*lines, SHARED_NOTE if compared.states_shared else INDEPENDENCE_NOTE]
 
 

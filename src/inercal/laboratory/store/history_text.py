@@ -12,6 +12,7 @@ import numpy as np
 from inercal.basics.units import format_count, format_value_and_uncertainty
 from inercal.calibration.comparison import build_comparison, run_to_run
 from inercal.calibration.comparison.changes import YEAR
+from inercal.calibration.comparison.common_scale import common_scale_lines
 from inercal.calibration.comparison.courses import LEAST_FOR_DRIFT, Course, fit_course
 from inercal.calibration.comparison.run_to_run import (
     RunScatter,
@@ -147,6 +148,7 @@ def history_lines(history: SensorHistory) -> list[str]:
             f"the newest calibration compared with the previous one, all {test.size} coefficients "
             f"together: {run_to_run.joint_test_text(test)}"
         )
+        lines += common_scale_lines(build_comparison(*history.calibrations[-2:]))
     if (ordinary := newest_run_to_run(history)) is not None:
         lines += run_to_run.run_to_run_lines(ordinary)
         drifting = set(ordinary.within).intersection(history.verdicts.get("drifts", ()))
