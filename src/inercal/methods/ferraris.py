@@ -46,7 +46,7 @@ def classical(
     NotObserved
         A position or a turn is missing.
     """
-    solving.require_plain_means(observations, sensor, priors, "classical", "ml")
+    solving.require_plain_means(observations, sensor, priors, "classical")
     if missing := tuple(step.label for step in steps if step.label not in observations.labels):
         raise NotObserved(
             "estimator classical needs every position and turn, but the recording does not contain "

@@ -128,7 +128,7 @@ def refuse_tilted_form(sensor: Sensor, estimator: str, instead: str) -> None:
 
 
 def require_plain_means(
-    observations: Observations, sensor: Sensor, priors: Priors, estimator: str, instead: str
+    observations: Observations, sensor: Sensor, priors: Priors, estimator: str
 ) -> None:
     """Raise InputError for inputs that formulas cannot use.
 
@@ -138,8 +138,8 @@ def require_plain_means(
     ------
     InputError
     """
-    refuse_priors(priors, estimator, instead)
-    refuse_temperature_terms(sensor, estimator, instead)
+    refuse_priors(priors, estimator, "ml")
+    refuse_temperature_terms(sensor, estimator, "ml")
     require_single_recording(observations, f"estimator {estimator}")
 
 

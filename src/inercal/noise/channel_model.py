@@ -24,7 +24,7 @@ from inercal.noise.cross_checks import Estimates
 from inercal.noise.deviations import Deviations
 from inercal.noise.disturbances import Disturbance, SpectralLine
 from inercal.noise.drift_regression import DriftFit, LowFrequencies, find_drift, warm_up_size
-from inercal.noise.filter_search import FilterSearch
+from inercal.noise.filter_search import BEFORE_FILTER, FilterSearch
 from inercal.noise.goodness import judge_fit
 from inercal.noise.likelihood import extended, fit_terms
 from inercal.noise.selection import Selection, select_terms
@@ -33,8 +33,6 @@ from inercal.noise.texts import SHOWN_UNIT
 from inercal.physics.quantities import SensorKind
 
 REFUSED = ("N", "B", "K")
-BEFORE_FILTER = "NBK"
-"""Terms that are fitted during the search for a filter."""
 _LEAST_CUTOFF = 2e-3  # f_c Δ; below it, a spectrum is attributed to a Gauss–Markov process
 _LEAST_FLOOR = 1e-3  # F²/N², for white noise next to a Gauss–Markov process
 _ROUNDING = 1.5  # largest N² of rounding noise (not quite white) over step² Δ/12
@@ -125,10 +123,10 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
         return _solve(one, make_bins(one.spectra, one.dt), candidates)
     rounding = rounding_noise(one.step, one.dt)
     fine = make_bins(one.spectra, one.dt, fine=True).strong_bins()
-    search = filter_search.find_filter(fine, BEFORE_FILTER, rounding)
+    search = filter_search.find_filter(fine, rounding)
     suspected = search is not None and search.is_better
     if search is not None and suspected and search.best.is_possible:
-        found = _solve(one, filter_search.apply_filter(fine, BEFORE_FILTER, search), candidates)
+        found = _solve(one, filter_search.apply_filter(fine, search), candidates)
         if _describes(one, found):
             place = _placed(found, search)
             if place is not None:
@@ -141,7 +139,7 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
     suspected = contradictory or (suspected and not one.disturbances)
     if not suspected or not (contradictory or _falls(fine, rounding)):
         return plain  # due to a vibration or disturbance; the test of fit names its band
-    band = filter_search.band_below(fine, BEFORE_FILTER)
+    band = filter_search.band_below(fine)
     if band is not None and _describes(one, found := _solve(one, band, candidates)):
         white = found.selection.fit.variance("N")
         if _white(fine, _UPPER) < _FALLEN * white:
@@ -198,9 +196,9 @@ def selection_with_filter(
     bins = make_bins(spectra, dt, fine=like.fine)
     if like.output is not None:
         bins = bins.strong_bins()
-        search = filter_search.find_filter(bins, BEFORE_FILTER, rounding_noise(step, dt))
+        search = filter_search.find_filter(bins, rounding_noise(step, dt))
         if search is not None and search.is_better:
-            bins = filter_search.apply_filter(bins, BEFORE_FILTER, search)
+            bins = filter_search.apply_filter(bins, search)
     elif like.limit < np.inf:
         bins = bins.below(like.limit)
     return select_terms(bins, candidates)

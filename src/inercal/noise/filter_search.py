@@ -19,7 +19,6 @@ already departed a little, and N would be a few per cent too small. The band tha
 ends two half octaves earlier, and 1 % is added to the uncertainty of N.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,6 +37,8 @@ from inercal.noise.numerics import nonnegative_least_squares
 from inercal.noise.output_filter import FilterShape, OutputFilter
 from inercal.noise.spectrum import Bins, FilterEffect
 
+BEFORE_FILTER = "NBK"
+"""Terms that are fitted during the search for a filter."""
 ADDED_RELATIVE_U = 0.01  # of N
 _DEPARTS = 3.3  # standard uncertainties of a significant difference
 _BACK = 2  # half octaves
@@ -46,15 +47,13 @@ _LARGEST_U = 0.2  # largest relative uncertainty of N
 _PLATEAU = 3.0  # the band must reach this multiple of the white-noise/flicker crossing frequency
 
 
-def band_below(bins: Bins, symbols: Sequence[str]) -> Bins | None:
+def band_below(bins: Bins) -> Bins | None:
     """Return the bins of the band that N, B and K describe; None if there is no such band.
 
     Parameters
     ----------
     bins : Bins
         Bins without a filter.
-    symbols : sequence of str
-        Terms to fit, including N.
     """
     order = np.argsort(bins.frequency, kind="stable")
     enough = np.searchsorted(np.cumsum(bins.weight[order]), _FEWEST)
@@ -66,11 +65,11 @@ def band_below(bins: Bins, symbols: Sequence[str]) -> Bins | None:
     edges = first * 2 ** (np.arange(count + 1) / 2)
     for k, edge in enumerate(edges[:-1]):
         inner, outer = bins.below(edge), bins.below(edges[k + 1])
-        fit = fit_terms(inner, symbols)
+        fit = fit_terms(inner, BEFORE_FILTER)
         new = outer.frequency >= edge
         if not new.any():
             continue
-        basis = np.stack([outer.basis(one)[new] for one in symbols], axis=1)
+        basis = np.stack([outer.basis(one)[new] for one in BEFORE_FILTER], axis=1)
         model = basis @ fit.variances
         weight = outer.weight[new]
         share = weight / model / weight.sum()
@@ -78,16 +77,16 @@ def band_below(bins: Bins, symbols: Sequence[str]) -> Bins | None:
         slope = share @ basis
         variance = float((2 * weight).sum() / weight.sum() ** 2 + slope @ fit.covariance @ slope)
         if abs(ratio - 1) > _DEPARTS * np.sqrt(variance):
-            return _kept(bins, symbols, edge / 2 ** (_BACK / 2))
+            return _kept(bins, edge / 2 ** (_BACK / 2))
     return None
 
 
-def _kept(bins: Bins, symbols: Sequence[str], edge: float) -> Bins | None:
+def _kept(bins: Bins, edge: float) -> Bins | None:
     """Return the bins below a frequency; None if these bins do not determine N."""
     band = bins.below(edge)
-    if band.power.size < 2 * len(symbols):
+    if band.power.size < 2 * len(BEFORE_FILTER):
         return None
-    fit = fit_terms(band, symbols)
+    fit = fit_terms(band, BEFORE_FILTER)
     white = fit.variance("N")
     j = fit.symbols.index("N")
     if not white or np.sqrt(fit.covariance[j, j]) / (2 * white) > _LARGEST_U:
@@ -188,9 +187,9 @@ class FilterSearch:
 class _Problem:
     """Fits of filter shapes to bins."""
 
-    def __init__(self, bins: Bins, symbols: Sequence[str], known_floor: float):
+    def __init__(self, bins: Bins, known_floor: float):
         self.power, self.weight = bins.power, bins.weight
-        self.base = np.stack([bins.basis(one) for one in symbols], axis=1)
+        self.base = np.stack([bins.basis(one) for one in BEFORE_FILTER], axis=1)
         self.white = self.base[:, 0]
         self.known_floor = known_floor
         self.low, self.high = (2 * np.pi * one * bins.dt for one in bins.ends)
@@ -262,19 +261,17 @@ def _starts(shape: FilterShape) -> tuple[float, ...]:
     return (*_LOW_STARTS, *_STARTS) if shape is output_filter.SHAPES[0] else _STARTS
 
 
-def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> FilterSearch | None:
+def find_filter(bins: Bins, known_floor: float) -> FilterSearch | None:
     """Return the best filter for a recording; None if no shape improves the fit noticeably.
 
     Parameters
     ----------
     bins : Bins
         Fine bins.
-    symbols : sequence of str
-        Terms before the filter, starting with N.
     known_floor : float
         F² due to rounding of the readings, in the SI unit of N²; 0 if no rounding step is known.
     """
-    problem = _Problem(bins, symbols, known_floor)
+    problem = _Problem(bins, known_floor)
     _, plain = scored_fit(bins.power, bins.weight, problem.base)
     starts = [
         problem.fit(shape, float(np.log(c)), _START_ROUNDS, floor=False)
@@ -291,7 +288,7 @@ def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> Filte
     ]
     polished.sort(key=lambda one: one.criterion)
     best = polished[0]
-    without = 2 * plain + len(symbols) * problem.scale
+    without = 2 * plain + len(BEFORE_FILTER) * problem.scale
     weight = np.exp(-0.5 * np.array([one.criterion - best.criterion for one in polished]))
     # Fits of the same shape that converge to the same cut-off are one candidate.
     for k, one in enumerate(polished):
@@ -305,19 +302,17 @@ def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> Filte
     return FilterSearch(best, without - best.criterion, spread)
 
 
-def apply_filter(bins: Bins, symbols: Sequence[str], search: FilterSearch) -> Bins:
+def apply_filter(bins: Bins, search: FilterSearch) -> Bins:
     """Return bins with the best filter of a search; its cut-off and floor are still fitted.
 
     Parameters
     ----------
     bins : Bins
         Fine bins.
-    symbols : sequence of str
-        Terms before the filter, as in `find_filter`.
     search : FilterSearch
     """
     fit = search.best
-    problem = _Problem(bins, symbols, fit.known_floor)
+    problem = _Problem(bins, fit.known_floor)
     response = problem.response(fit.shape, fit.log_cutoff)
     columns: list[Array] = []
     start: list[float] = []

@@ -68,11 +68,11 @@ def chi_squared_quantiles(dof: Array, probability: float) -> Array:
     return np.asarray(chdtri(dof, probability), dtype=np.float64)
 
 
-def pseudo_inverse(a: Array, rcond: float = 1e-12) -> Array:
+def pseudo_inverse(a: Array) -> Array:
     """Return the pseudo-inverse of a symmetric matrix, computed with a unit diagonal."""
     size = np.sqrt(np.diag(a))
     size = np.where(size > 0, size, 1.0)
-    inverse = np.linalg.pinv(a / np.outer(size, size), rcond=rcond)
+    inverse = np.linalg.pinv(a / np.outer(size, size), rcond=1e-12)
     return np.asarray(inverse / np.outer(size, size), dtype=np.float64)
 
 

@@ -226,11 +226,11 @@ def temperature_varies(kelvin: Array | None) -> bool:
     return float(np.ptp(kelvin, axis=-1).max(initial=0.0)) > TEMPERATURE_VARIATION
 
 
-def temperature_rate(time: Array, kelvin: Array, reach: float = _LEAST_REACH) -> Array:
+def temperature_rate(time: Array, kelvin: Array) -> Array:
     """Return the time derivative of a temperature, (..., n) K/s.
 
-    It is the least-squares slope of the temperatures less than `reach` before and after each
-    sample, so it is never taken across a longer gap.
+    It is the least-squares slope of the temperatures around each sample; at least the neighbours
+    of the sample are used, and it is never taken across a long gap.
 
     Parameters
     ----------
@@ -238,10 +238,8 @@ def temperature_rate(time: Array, kelvin: Array, reach: float = _LEAST_REACH) ->
         Times, s.
     kelvin : (..., n) array
         Temperatures, K.
-    reach : float
-        s; at least the neighbours of each sample are used.
     """
-    return _slopes(time, kelvin, reach)[0]
+    return _slopes(time, kelvin, _LEAST_REACH)[0]
 
 
 def _slopes(time: Array, kelvin: Array, reach: float) -> tuple[Array, Array]:

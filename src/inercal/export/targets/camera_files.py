@@ -71,7 +71,7 @@ def _render_basalt(request: Request) -> Rendering:
                 "w": lambda y, dT: (y + y @ scale_g.T - bias_g) @ turn,
             },
         ),
-        shared.json_with_comment({"value0": content}, 4),
+        shared.json_with_comment({"value0": content}),
         ("a = (1 + S) y - b, S lower triangular; w = (1 + S_g) y_g - b_g",),
         remarks=(
             frame_remark(turn),
@@ -133,7 +133,7 @@ def _render_realsense(request: Request) -> Rendering:
     missing = [name for kind, name in _KINDS if kind not in triads]
     return Rendering(
         shared.by_triad(request.model, corrections),
-        shared.json_with_comment(content, 4),
+        shared.json_with_comment(content),
         ("out = S in - bias; scale_and_alignment is S column by column",),
         "readings of the camera without motion correction, in m/s^2 and rad/s",
         (

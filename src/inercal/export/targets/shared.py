@@ -99,11 +99,9 @@ def with_comments(body: str) -> Callable[[Sequence[str]], str]:
     return lambda header: comments(header, "#") + body
 
 
-def json_with_comment(content: Mapping[str, Any], indent: int) -> Callable[[Sequence[str]], str]:
+def json_with_comment(content: Mapping[str, Any]) -> Callable[[Sequence[str]], str]:
     """Return a function that writes a JSON object with the explanation as its first key."""
-    return lambda header: (
-        json.dumps({"comment": "\n".join(header), **content}, indent=indent) + "\n"
-    )
+    return lambda header: json.dumps({"comment": "\n".join(header), **content}, indent=4) + "\n"
 
 
 def needed(

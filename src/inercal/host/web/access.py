@@ -307,13 +307,13 @@ class AccessMiddleware:
             return False
         if scope["method"] == "POST":
             return scope["path"] == "/token"
-        return scope["path"] == "/" and _form_field(scope["query_string"], "token") is not None
+        return scope["path"] == "/" and _token_field(scope["query_string"]) is not None
 
     def _token_answer(self, scope: Scope, body: bytes) -> Response | None:
         """Return the answer to a request that contains a token; otherwise None."""
         if not self._shows_token(scope):
             return None
-        given = _form_field(body if scope["method"] == "POST" else scope["query_string"], "token")
+        given = _token_field(body if scope["method"] == "POST" else scope["query_string"])
         who = client_host(scope)
         if given is None or not self.access.accepts_token(given, who):
             self.refused(who, "a wrong token")
@@ -356,12 +356,12 @@ def _token_form(words: str, status: int = 401) -> Response:
     )
 
 
-def _form_field(query: bytes, name: str) -> str | None:
+def _token_field(query: bytes) -> str | None:
     try:
         fields = parse_qs(query.decode("utf-8", "replace"), max_num_fields=8)
     except ValueError:
         return ""
-    return fields.get(name, [None])[0]
+    return fields.get("token", [None])[0]
 
 
 def client_host(scope: Mapping[str, Any]) -> str:

@@ -233,7 +233,7 @@ class ClosedFormulas:
         NotObserved
             The dwells do not give the regression full rank.
         """
-        solving.require_plain_means(observations, sensor, priors, self.name, "ml")
+        solving.require_plain_means(observations, sensor, priors, self.name)
         mean = observations.mean
         singular = closed_formulas.regression_singular_values(sensor, mean, self.name)
         declared = bench.acting_parameters(steps, vectors=False)

@@ -304,7 +304,7 @@ def ieee(
     NotObserved
         The same as for `ml`.
     """
-    solving.require_plain_means(observations, sensor, priors, "ieee", "ml")
+    solving.require_plain_means(observations, sensor, priors, "ieee")
     solving.refuse_tilted_form(sensor, "ieee", "ml")
     by_problem = ml(observations, sensor, bench, steps)
     by_label = {step.label: step for step in steps}

@@ -87,9 +87,9 @@ def dwell_force(spins: Sequence[Spin], latitude: float = 0.0) -> Array:
     return sensed_motion(BENCH, spins, at | {"latitude": np.array(latitude)}).f / G
 
 
-def earth_rate_ratio(latitude: float = LATITUDE) -> float:
+def earth_rate_ratio() -> float:
     """Return the earth's rate along the spindle divided by the first rate of the arm."""
-    return EARTH_RATE * sin(latitude) / RATES[0]
+    return EARTH_RATE * sin(LATITUDE) / RATES[0]
 
 
 def outputs(device: SimulatedTriad, spins: Sequence[Spin], sensed: Array | None = None) -> Array:
