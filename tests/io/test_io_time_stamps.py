@@ -86,6 +86,14 @@ def test_a_column_named_by_another_unit_needs_a_stated_one(tmp_path: Path, name:
     assert read(path, "s", name).rate_hz == pytest.approx(100)
 
 
+@pytest.mark.parametrize("name", ["t_s", "time (s)", "uptime sec"])
+def test_slow_logs_need_no_unit_if_the_column_names_seconds(tmp_path: Path, name: str):
+    path = log(tmp_path, stamps(0.5), name)
+    assert read(path, name=name).rate_hz == pytest.approx(2)
+    with refused(key="time_unit"):
+        read(log(tmp_path, stamps(0.5)))
+
+
 @pytest.mark.parametrize("name", ["time", "items", "columns", "t_s", "bonus", "ms_time"])
 def test_other_names_of_columns_say_nothing_of_units(tmp_path: Path, name: str):
     assert read(log(tmp_path, stamps(0.01), name), name=name).rate_hz == pytest.approx(100)

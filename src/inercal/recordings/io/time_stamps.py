@@ -30,7 +30,8 @@ _UNSTATED_HZ = 5.0  # if no unit is stated: 1 to 5 kHz in ms would be taken for 
 _ROUNDING = 1e-6  # of a rate, for stamps with few digits
 _UNITS = ("s", "ms", "us", "ns")  # units that loggers write
 _NAMED = re.compile(
-    r"(?:^|[\W_])(?:(?P<ms>ms|msec|millis|milliseconds?)|(?P<us>us|µs|μs|usec|micros|microseconds?)"
+    r"(?:^|[\W_])(?:(?P<s>s|secs?|seconds?)|(?P<ms>ms|msec|millis|milliseconds?)"
+    r"|(?P<us>us|µs|μs|usec|micros|microseconds?)"
     r"|(?P<ns>ns|nsec|nanos|nanoseconds?))[\W_]*$",
     re.IGNORECASE,
 )
@@ -108,17 +109,17 @@ def require_unit(
     Raises
     ------
     InputError
-        The rate is below 1 Hz or above 50 kHz. If no unit is stated, the error is also raised for a
-        rate below 5 Hz, a column whose name ends in another unit, and stamps since 1970 in another
-        unit.
+        The rate is below 1 Hz or above 50 kHz. If neither the unit nor the column's name states s,
+        the error is also raised for a rate below 5 Hz, a column whose name ends in another unit,
+        and stamps since 1970 in another unit.
     """
     unit_key, rate_key = keys
     error = partial(InputError, file=source, key=unit_key, names=(column,))
     rate = _rate(stamps)
+    # The unit at the end of the column's name.
+    named = found.lastgroup if (found := _NAMED.search(column)) is not None else None
     if unit is None:
-        # The unit at the end of the column's name, if it is not s.
-        if (found := _NAMED.search(column)) is not None:
-            named = found.lastgroup
+        if named not in (None, "s"):
             raise error(
                 f"{source}: column {column!r} has {named} in its name, but without a stated "
                 f'unit it is read in s: state {unit_key} = "{named}"'
@@ -134,7 +135,7 @@ def require_unit(
         return
     in_force = "s" if unit is None else unit
     hz = rate / si_factor(in_force, like="s")
-    slowest = SLOWEST_HZ if unit is not None else _UNSTATED_HZ
+    slowest = _UNSTATED_HZ if unit is None and named is None else SLOWEST_HZ
     if slowest * (1 - _ROUNDING) <= hz <= FASTEST_HZ * (1 + _ROUNDING):
         return
     if hz > FASTEST_HZ and _mean_rate(stamps) / si_factor(in_force, like="s") < FASTEST_HZ:
