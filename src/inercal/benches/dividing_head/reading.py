@@ -17,9 +17,9 @@ from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.characteristics import head_characteristics
 from inercal.benches.dividing_head.checks import (
     repeat_visit_warnings,
-    require_phases,
     require_usable_readings,
 )
+from inercal.benches.dividing_head.phases import require_phases
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.physics.plan import Index
 from inercal.physics.section_settings import key_error, positive_value
