@@ -210,3 +210,12 @@ def test_what_is_wrong_with_the_angles_or_a_pass_is_named(
 def test_two_right_passes_are_accepted(tmp_path: Path):
     run = runfile.read(back_and_forth(tmp_path, lambda *_: None))
     assert len(observe(run).steps) == 24
+
+
+def test_a_head_without_autocollimator_readings_is_said_to_be_trimmed(tmp_path: Path):
+    read = observe(runfile.read(changed_lab(tmp_path / "read", ("", ""))))
+    column = ('autocollimator = "autocollimator"\n', "")
+    trimmed = observe(runfile.read(changed_lab(tmp_path / "trimmed", column)))
+    assert not any("autocollimator" in note for note in read.notes)
+    (note,) = (note for note in trimmed.notes if "[data] names no autocollimator" in note)
+    assert "270°" in note

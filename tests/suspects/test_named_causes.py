@@ -24,6 +24,7 @@ import inercal
 from inercal.basics.units import Measured, parse_quantity
 from inercal.benches import Hand
 from inercal.calibration.grade import NO_SINGLE_CAUSE, Assessment, assess
+from inercal.calibration.suspect_text import format_component
 from inercal.calibration.verdict import verdict
 from inercal.estimation import Candidate, Estimate, Problem, least_squares
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL, CandidateKind
@@ -442,3 +443,8 @@ def test_a_misfit_without_a_cause_is_stated_once_and_with_its_size():
     assert f"χ² = {estimate.score_tests.chi2:.0f} with 199 degrees" in first
     assert second != first
     assert NO_SINGLE_CAUSE not in first
+
+
+def test_an_error_of_the_stretch_is_stated_in_the_unit_of_its_key():
+    text = format_component(triad("t", "f", "x"), "bench", "stretch", 1e-7, 1e-9, "(m/s²)⁻¹")
+    assert text == "0.981 ± 0.010 ppm/g"

@@ -34,6 +34,7 @@ _DISPLAY_UNITS = {
     "s": "ms",
     "1": "ppm",
     "T": "µT",
+    "(m/s²)⁻¹": "ppm/g",
 }
 _PERCENT_THRESHOLD = 0.01  # a larger ratio is shown in %
 _MAX_LISTED = 6  # largest number of candidates in a line
