@@ -447,4 +447,4 @@ def test_a_misfit_without_a_cause_is_stated_once_and_with_its_size():
 
 def test_an_error_of_the_stretch_is_stated_in_the_unit_of_its_key():
     text = format_component(triad("t", "f", "x"), "bench", "stretch", 1e-7, 1e-9, "(m/s²)⁻¹")
-    assert text == "0.981 ± 0.010 ppm/g"
+    assert text == "0.9807 ± 0.0098 ppm/g"
