@@ -396,8 +396,9 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
         return "use a method that estimates this coefficient; U does not include its effect"
     if cause.name == "latitude":
         return "check the latitude and its sign, and the names and signs of the gyros' columns"
-    if cause.name == "autocollimator scale":
-        return "check the sign and the unit of the autocollimator readings in [data]"
+    if cause.name in ("autocollimator scale", "level scale"):
+        instrument = cause.name.partition(" ")[0]
+        return f"check the sign and the unit of the {instrument} readings in [data]"
     if cause.name.startswith(CERTIFICATE):
         return "check the sign and the first face of the deviations in [bench] polygon"
     if cause.kind == "bench" and cause.changes:

@@ -16,6 +16,7 @@ from inercal.benches.dividing_head.bench import DividingHead, drift_names, sense
 from inercal.benches.dividing_head.bench import position_plan as on_head
 from inercal.benches.dividing_head.characteristics import loop_columns
 from inercal.benches.dividing_head.passes import (
+    LEVEL_SCALE,
     READING_SCALE,
     drift_ramps,
     pass_names,
@@ -32,6 +33,7 @@ MIN_POSITIONS = 4  # positions
 _TESTED_HARMONICS = 4  # of the head's error; higher harmonics act like graduation errors
 _LARGEST_MOUNTING, _FAR = pi / 180, 10.0  # rad; times the stated zero of the head
 _MAX_ANGLE_CORRECTION = 1.5e-4  # rad
+_WRONG_UNIT = 50.0  # relative: readings in another unit, or with the other sign
 
 
 def remarks(fit: Fit[DividingHead, Index]) -> Remarks:
@@ -112,9 +114,13 @@ def head_problem(
         for name, parameter in wider.nuisances(steps, sensor).items()
         if name != "lean"  # a second-order effect, so its column would be its own estimate
     }
-    if any(step.reading for step in steps):
-        meaning = "scale of the autocollimator readings"
-        suspects[READING_SCALE] = Parameter(READING_SCALE, "1", 0.0, "run", 0.0, meaning)
+    for name, instrument, read in (
+        (READING_SCALE, "autocollimator", any(step.reading for step in steps)),
+        (LEVEL_SCALE, "level", len({step.level for step in steps}) > 1),
+    ):
+        if read:
+            meaning = f"scale of the {instrument} readings"
+            suspects[name] = Parameter(name, "1", 0.0, "run", 0.0, meaning)
     result = mean_problem.problem_of_readings(
         observations,
         sensor,
@@ -130,7 +136,12 @@ def head_problem(
     assert others is not None
 
     def with_loops(x: Array) -> list[Candidate]:
-        return [*others(x), *loops]
+        scales = (READING_SCALE, LEVEL_SCALE)
+        listed = [
+            replace(one, largest=np.array([_WRONG_UNIT])) if one.name in scales else one
+            for one in others(x)
+        ]
+        return [*listed, *loops]
 
     return replace(result, candidates=with_loops)
 
