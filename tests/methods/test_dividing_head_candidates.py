@@ -88,6 +88,23 @@ def test_a_wrong_sign_or_unit_of_the_autocollimator_is_named(factor: float):
     assert said(given._replace(steps=steps))[expected] == 4
 
 
+@pytest.mark.parametrize("channels", [(0,), (0, 1)])
+def test_a_step_of_a_bias_between_two_passes_is_the_suspect(channels: tuple[int, ...]):
+    given = made(BOTH, 2, drift=3e-6 * G0)
+    second = np.arange(len(given.steps)) >= len(given.steps) // 2
+    change = 60e-6 * G0 * second[:, None] * np.isin([0, 1], channels)
+    priors = [known(given, "kip", 20), known(given, "k3", 5)]
+    for k, mean in enumerate(given.seen.mean):
+        own = [replace(prior, mean=prior.mean[k]) for prior in priors]
+        seen = replace(given.seen, mean=mean + change)
+        estimate = joint(seen, SENSOR, given.bench, given.steps, own)
+        found = assess(estimate, len(SENSOR.coefficients)).suspect
+        assert found is not None
+        assert found.name.startswith("step of the bias")
+        assert given.steps[len(second) // 2].label in found.name
+        assert np.array(found.sizes) == pytest.approx(60e-6 * G0, rel=0.2)
+
+
 @pytest.mark.parametrize("collimated", ["none", "every"])
 @pytest.mark.parametrize("factor", [1.0, -1.0, 4.85, 1 / 206.3])
 def test_a_wrong_sign_or_unit_of_the_level_or_autocollimator_is_the_suspect(

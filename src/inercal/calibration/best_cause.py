@@ -36,6 +36,7 @@ import scipy
 from inercal.basics.run_file_advice import Advice, Change
 from inercal.estimation import Estimate, ScoreTest
 from inercal.estimation.scores import (
+    BIAS_STEP,
     CERTIFICATE,
     HYSTERESIS,
     LINEARISATION,
@@ -403,6 +404,8 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
         return "check the sign and the first face of the deviations in [bench] polygon"
     if cause.kind == "bench" and cause.changes:
         return f"check whether the run file should state {changes_text(cause.changes)}"
+    if cause.name.startswith(BIAS_STEP):
+        return "check whether the sensor was touched or switched off there; if so, split the run"
     if cause.name.startswith(HYSTERESIS) and cause.name.endswith("temperature"):
         return "change the temperature more slowly; the conditions of the fit state half the loop"
     if cause.name.startswith(HYSTERESIS):

@@ -45,7 +45,8 @@ CandidateKind = Literal["coefficient", "bench", "row", "time"]
 
 CERTIFICATE = "polygon certificate"  # start of the names of its candidates
 HYSTERESIS = "hysteresis of "  # start of the name of a candidate, followed by the axis
-MAGNETIC_STEP = "step of the "  # begins the name of a step of the magnetic field or of the offset
+STEP = "step of the "  # begins the name of a step of the magnetic field, of the offset or a bias
+BIAS_STEP = f"{STEP}bias"  # between two passes on a dividing head
 # Tests of the samples within sections, by the start of their names.
 BURST_AT = "burst at the "  # begins the name of a test for a burst at the start or end of a section
 COMMON_DRIFT, SLOW_NOISE = "drift common to all sections", "noise slower than the sections"

@@ -4,6 +4,7 @@ The errors of the head are nuisances or zero.
 """
 
 from dataclasses import replace
+from itertools import pairwise
 from math import pi
 
 import numpy as np
@@ -20,10 +21,11 @@ from inercal.benches.dividing_head.passes import (
     READING_SCALE,
     drift_ramps,
     pass_names,
+    pass_numbers,
     sensor_angles,
 )
 from inercal.estimation import Candidate, Problem
-from inercal.estimation.scores import CERTIFICATE, HYSTERESIS
+from inercal.estimation.scores import BIAS_STEP, CERTIFICATE, HYSTERESIS
 from inercal.methods import Fit, Priors, Remarks, candidates, mean_problem
 from inercal.physics.plan import Index, Indexings
 from inercal.physics.sensors import Sensor
@@ -132,7 +134,7 @@ def head_problem(
         suspects=suspects,
     )
     loops, others = _hysteresis_candidates(sensor, bench, steps), result.candidates
-    loops += _certificate_candidates(sensor, bench, steps)
+    loops += _certificate_candidates(sensor, bench, steps) + _step_candidates(sensor, steps)
     assert others is not None
 
     def with_loops(x: Array) -> list[Candidate]:
@@ -177,6 +179,23 @@ def _hysteresis_candidates(
         rows[:, k] = loop
         loops.append(candidates.Column(f"{HYSTERESIS}{name}", "m/s²", rows.ravel()))
     return candidates.together_and_alone("time", [(f"{HYSTERESIS}all accelerometers", loops)])
+
+
+def _step_candidates(sensor: Sensor, steps: Indexings) -> list[Candidate]:
+    """Return candidates for a change of the biases between two passes."""
+    found: list[tuple[str, list[candidates.Column]]] = []
+    for k, (before, after) in enumerate(pairwise(pass_numbers(steps)), start=1):
+        if before == after:
+            continue
+        place = f"before {steps[k].label}"
+        columns: list[candidates.Column] = []
+        for c, channel in enumerate(sensor.channels):
+            rows = np.zeros((len(steps), len(sensor.channels)))
+            rows[k:, c] = 1.0
+            name = f"{BIAS_STEP} of {channel} {place}"
+            columns.append(candidates.Column(name, "m/s²", rows.ravel()))
+        found.append((f"{BIAS_STEP} of all accelerometers {place}", columns))
+    return candidates.together_and_alone("time", found)
 
 
 def _test_families(
