@@ -1,6 +1,7 @@
 """Readings beside the head's angle, and the keys by which a run file or a draft uses them."""
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -10,6 +11,7 @@ import pytest
 from tests.refusals import refused
 
 from inercal import runfile
+from inercal.basics.arrays import Array
 from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
 from inercal.benches.dividing_head.reading import observe
@@ -112,3 +114,108 @@ def test_the_advice_says_if_no_method_for_the_head_estimates_a_coefficient(
     given = advisor.on_cause(cause)
     assert not given.changes
     assert (given.action == action_on(cause, "position")) == estimated
+
+
+TURN = np.arange(12) * 30.0
+RUN = """
+[sensor]
+name = "S"
+
+[sensor.accelerometer]
+unit = "V"
+scale = "1.3 V/g"
+
+[bench]
+kind = "dividing_head"
+gravity = "9.81 m/s² ± 5 µm/s²"
+
+[data]
+kind = "means"
+file = "day.csv"
+label = "position"
+accelerometer = ["current"]
+angle = "angle"
+
+[data.sd]
+accelerometer = "1 µg"
+
+[method]
+name = "tumble"
+"""
+Change = Callable[[Array, Array], object]
+
+
+def back_and_forth(folder: Path, change: Change) -> Path:
+    """Write a run of two passes, whose angles (°) and readings (V) a function changes."""
+    angle = np.concatenate([TURN, TURN[::-1]])
+    reading = 1.3 * np.sin(np.radians(angle)) + 1e-6 * np.random.default_rng(3).normal(size=24)
+    change(angle, reading)
+    names = [f"f{k:02d}" for k in range(12)] + [f"r{k:02d}" for k in range(12)]
+    rows = zip(names, angle.tolist(), reading.tolist(), strict=True)
+    lines = ["position,angle,current", *(f"{a},{b:.6f},{c:.8f}" for a, b, c in rows)]
+    (folder / "day.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "run.toml").write_text(RUN, encoding="utf-8")
+    return folder / "run.toml"
+
+
+def reverse(angle: Array, _: Array) -> None:
+    angle[12:] = angle[12:][::-1].copy()
+
+
+def negate(_: Array, reading: Array) -> None:
+    reading[12:] *= -1
+
+
+def rescale(_: Array, reading: Array) -> None:
+    reading[12:] *= 1000
+
+
+def turn(angle: Array, _: Array) -> None:
+    angle += 30.0
+
+
+def in_gon(angle: Array, _: Array) -> None:
+    angle /= 0.9
+
+
+def freeze(angle: Array, _: Array) -> None:
+    angle[15:] = angle[15]
+
+
+def mirror(angle: Array, _: Array) -> None:
+    angle *= -1
+
+
+@pytest.mark.parametrize(
+    ("change", "parts"),
+    [
+        (reverse, ["only the pass from r00 to r11", "opposite order"]),
+        (negate, ["only the pass from r00 to r11", "opposite sign"]),
+        (rescale, ["only the pass from r00 to r11", "unit"]),
+        (turn, ["zero", " 30°"]),
+        (in_gon, ["gon"]),
+        (freeze, ["constant from r03 to r11"]),
+        (mirror, ["sign of the head's angle"]),
+    ],
+)
+def test_what_is_wrong_with_the_angles_or_a_pass_is_named(
+    change: Change, parts: list[str], tmp_path: Path
+):
+    run = runfile.read(back_and_forth(tmp_path, change))
+    with refused(key="[data] accelerometer") as refusal:
+        observe(run)
+    assert all(part in str(refusal.value) for part in parts)
+
+
+def test_two_right_passes_are_accepted(tmp_path: Path):
+    run = runfile.read(back_and_forth(tmp_path, lambda *_: None))
+    assert len(observe(run).steps) == 24
+
+
+def test_a_head_without_autocollimator_readings_is_said_to_be_trimmed(tmp_path: Path):
+    read = observe(runfile.read(changed_lab(tmp_path / "read", ("", ""))))
+    column = ('autocollimator = "autocollimator"\n', "")
+    trimmed = observe(runfile.read(changed_lab(tmp_path / "trimmed", column)))
+    assert not any("autocollimator" in note for note in read.notes)
+    (note,) = (note for note in trimmed.notes if "[data] names no autocollimator" in note)
+    assert "270°" in note

@@ -311,7 +311,7 @@ def test_a_shift_of_any_coefficient_is_stated_with_its_size(kind: CandidateKind)
                 shifted_coefficient=name,
                 shift=1234.0,
                 kind=kind,
-                remaining_p_value=0.0,
+                is_sufficient=False,
             ),
         )
         graded = grade_estimate(plain, WHOLE, found, (), ())

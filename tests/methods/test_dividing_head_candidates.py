@@ -7,6 +7,7 @@ with the product.
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from tests.methods.dual_orthogonal_cases import SENSOR, WHOLE, Case, case, known
 
 from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import DividingHead
+from inercal.calibration.grade import assess
 from inercal.estimation import Estimate
 from inercal.methods.dual_orthogonal import dual, joint, patent, single
 from inercal.methods.tumble import fourier, least_squares
@@ -84,6 +86,49 @@ def test_a_wrong_sign_or_unit_of_the_autocollimator_is_named(factor: float):
     steps = [replace(s, reading=r) for s, r in zip(given.steps, read.tolist(), strict=True)]
     expected = "" if factor == 1 else "autocollimator scale"
     assert said(given._replace(steps=steps))[expected] == 4
+
+
+@pytest.mark.parametrize("channels", [(0,), (0, 1)])
+def test_a_step_of_a_bias_between_two_passes_is_the_suspect(channels: tuple[int, ...]):
+    given = made(BOTH, 2, drift=3e-6 * G0)
+    second = np.arange(len(given.steps)) >= len(given.steps) // 2
+    change = 60e-6 * G0 * second[:, None] * np.isin([0, 1], channels)
+    priors = [known(given, "kip", 20), known(given, "k3", 5)]
+    for k, mean in enumerate(given.seen.mean):
+        own = [replace(prior, mean=prior.mean[k]) for prior in priors]
+        seen = replace(given.seen, mean=mean + change)
+        estimate = joint(seen, SENSOR, given.bench, given.steps, own)
+        found = assess(estimate, len(SENSOR.coefficients)).suspect
+        assert found is not None
+        assert found.name.startswith("step of the bias")
+        assert given.steps[len(second) // 2].label in found.name
+        assert np.array(found.sizes) == pytest.approx(60e-6 * G0, rel=0.2)
+
+
+@pytest.mark.parametrize("collimated", ["none", "every"])
+@pytest.mark.parametrize("factor", [1.0, -1.0, 4.85, 1 / 206.3])
+def test_a_wrong_sign_or_unit_of_the_level_or_autocollimator_is_the_suspect(
+    factor: float, collimated: Literal["none", "every"]
+):
+    """The base tilts by 3″ for the second pass, and the instrument shows it with this factor."""
+    given = made(Bench(collimated=collimated), 2)
+    angle = np.array([step.angle for step in given.steps])
+    tilt = 3 * ARCSEC * (np.arange(len(angle)) >= len(angle) // 2)
+    change = G0 * tilt[:, None] * np.stack([np.cos(angle), -np.sin(angle)], axis=-1)
+    key = "level" if collimated == "none" else "reading"
+    shown = (factor * tilt).tolist()
+    steps = [replace(s, **{key: one}) for s, one in zip(given.steps, shown, strict=True)]
+    priors = [known(given, "kip", 20), known(given, "k3", 5)]
+    for k, mean in enumerate(given.seen.mean):
+        own = [replace(prior, mean=prior.mean[k]) for prior in priors]
+        seen = replace(given.seen, mean=mean + change)
+        found = assess(joint(seen, SENSOR, given.bench, steps, own), len(SENSOR.coefficients))
+        if factor == 1:
+            assert found.best is None
+        else:
+            assert found.suspect is not None
+            assert found.suspect.name == f"{'level' if key == 'level' else 'autocollimator'} scale"
+            assert found.suspect.sizes[0] == pytest.approx(1 / factor - 1, rel=0.05)
 
 
 @pytest.mark.parametrize(

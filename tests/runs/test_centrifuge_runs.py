@@ -297,6 +297,8 @@ def test_a_saturated_dwell_is_omitted_and_reported(tmp_path: Path):
         ([('attitude = ["psi", "theta"]\n', "")], ["[data] attitude", "indexing"]),
         ([('accelerometer = "1 µV"', 'accelerometer = "1 µA"')], ["[data.sd] accelerometer"]),
         ([('radius = "1.5 m ± 20 µm"', 'radius = "-1.5 m"')], ["[bench] radius", "'-1.5 m'"]),
+        ([('radius = "1.5 m ± 20 µm"', 'radius = "20 µm ± 1.5 m"')],
+         ["[bench] radius", "uncertainty"]),
         ([('radius = "1.5 m ± 20 µm"\n', "")], ["[bench] radius"]),
         ([('sense = "clockwise"', 'sense = "left"')], ["[bench] sense", "'left'", "clockwise"]),
         ([('sense = "clockwise"', 'turn = "1 °"')], ["bench.turn", "dwell_rate"]),

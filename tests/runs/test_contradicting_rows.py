@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.accuracy.centrifuge import full_circle, sensed_motion
 from tests.suspects.rate_platform_runs import arguments
 from tests.suspects.rate_platform_runs import table as platform_table
 
@@ -113,6 +114,28 @@ def test_a_mistake_in_a_column_of_angles_is_named(
     assert not labels
 
 
+@pytest.mark.parametrize("leave_out", [(), ("attitude =", *NORMS)])
+@pytest.mark.parametrize(("shift", "word"), [(1, "down"), (-1, "up")])
+def test_a_moved_column_of_rates_is_named(
+    shift: int, word: str, leave_out: tuple[str, ...], tmp_path: Path
+):
+    def generate(rows: Rows) -> None:
+        speeds, angles = [40, 50, 60, 70, 80, 90, 100], full_circle()[::2]
+        f, _ = sensed_motion(angles, [one * np.pi / 30 for one in speeds], radius=1.5)
+        force = 0.1 * f.reshape(len(speeds), len(angles), 3).swapaxes(0, 1).reshape(-1, 3)
+        pairs = [(one, speed) for one in angles for speed in speeds]
+        written = np.roll([speed for _, speed in pairs], shift).tolist()
+        rows[:] = [
+            [f"{k}", *(f"{np.degrees(a):.3f}" for a in pairs[k][0]), f"{written[k]}"]
+            + [f"{one:.7f}" for one in row]
+            for k, row in enumerate(force.tolist())
+        ]
+
+    text, labels = of_run(changed(tmp_path, ARM, generate, leave_out))
+    assert f"rates was moved {word}" in text
+    assert not labels
+
+
 @pytest.mark.parametrize(
     ("name", "leave_out"),
     [(ARM, ()), (ARM, ("attitude =", *NORMS)), (HEAD, ()), (TUMBLE, ()), (SHIP, ())],
@@ -129,6 +152,38 @@ def test_readings_that_stop_at_one_value_are_called_clipped(tmp_path: Path):
     text, labels = of_run(changed(tmp_path, ARM, clip, NORMS))
     assert " 2," in text
     assert len(labels) > 3
+
+
+def test_readings_clipped_by_little_at_the_largest_rate_are_named(tmp_path: Path):
+    def clip(rows: Rows) -> None:
+        peaks = [max(abs(float(one)) for one in row[4:]) for row in rows]
+        most = 0.99 * sorted(peaks)[-6]
+        for row in rows:
+            row[4:] = [f"{max(-most, min(most, float(one))):.7f}" for one in row[4:]]
+
+    text, labels = of_run(changed(tmp_path, ARM, clip, ("attitude =", *NORMS)))
+    assert "clipped" in text
+    assert len(labels) >= 6
+
+
+def test_a_channel_that_stops_is_named_with_its_rows(tmp_path: Path):
+    def stop(rows: Rows) -> None:
+        for row in rows[20:]:
+            row[6] = rows[20][6]
+
+    text, labels = of_run(changed(tmp_path, ARM, stop))
+    assert "az is always" in text
+    assert len(labels) > 3
+
+
+def test_a_wrong_angle_of_one_mounting_is_named_with_its_value(tmp_path: Path):
+    def turn(rows: Rows) -> None:
+        for row in rows:
+            row[2] = "200" if row[1:3] == ["10", "20"] else row[2]
+
+    text, labels = of_run(changed(tmp_path, ARM, turn))
+    assert "θ = 20° instead of 200°" in text
+    assert len(labels) == 3
 
 
 def test_a_moved_column_of_mountings_is_named_before_the_fit(tmp_path: Path):

@@ -120,6 +120,7 @@ def run_refused(path: Path, kind: type[InercalError] = InputError, **data: Any) 
          ["rpm"]),
         ('["ax", "ay", "az"]', '["ay", "ax", "az"]', "[data] accelerometer", ["ax", "ay", "az"]),
         ('"250 mm ± 0.3 mm"', '"0 mm"', "[bench] radius", []),
+        ('"250 mm ± 0.3 mm"', '"0.3 mm ± 250 mm"', "[bench] radius", []),
         ('"250 mm ± 0.3 mm"', '"250 m ± 0.3 m"', "[bench] radius", ["mm"]),
         ('"250 mm ± 0.3 mm"', '"25 mm"', None, ["ZY135 at 86 rpm"]),
         ('mounting = "mounting"\n', "", "[data] mounting", []),

@@ -227,6 +227,10 @@ def test_unknown_coefficient_says_what_there_is():
     with refused(names=["k1_sens"]) as refusal:
         triad().with_coefficients("k1_sens")
     assert "did you mean k1?" in str(refusal.value)
+    for typed, meant in (("ax.ko", "k0"), ("kl", "k1")):
+        with refused(names=[typed]) as refusal:
+            imu().with_coefficients(typed)
+        assert f"did you mean {meant}?" in str(refusal.value)
 
 
 def test_readout_converts_both_ways():

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 from numpy.typing import NDArray
 from tests.accuracy import ramps
-from tests.accuracy.centrifuge import EARTH, PAPER_G, RATES, full_circle, sensed_motion
+from tests.accuracy.centrifuge import EARTH, PAPER_G, RATES, full_circle, sensed_motion, ups
 from tests.accuracy.ferraris import DEGREE, mems
 from tests.accuracy.handheld import Session, record
 from tests.base_seeds import evidence
@@ -23,6 +24,7 @@ import inercal
 from inercal.basics.units import Measured, parse_quantity
 from inercal.benches import Hand
 from inercal.calibration.grade import NO_SINGLE_CAUSE, Assessment, assess
+from inercal.calibration.suspect_text import format_component
 from inercal.calibration.verdict import verdict
 from inercal.estimation import Candidate, Estimate, Problem, least_squares
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL, CandidateKind
@@ -368,11 +370,21 @@ def test_a_stated_value_that_would_be_wrong_by_more_than_its_range_is_not_named(
         assert (found and found.name) == best
 
 
-def on_an_arm(rng: np.random.Generator, radius: float = 1.0, sense: int = 1) -> Assessment:
-    """Return the assessment of a fit on a centrifuge at 45.8° whose radius or sense is wrong."""
+def on_an_arm(
+    rng: np.random.Generator,
+    radius: float = 1.0,
+    sense: int = 1,
+    arms: tuple[float, ...] = (0.0, 0.0, 0.0),
+) -> Assessment:
+    """Return the assessment on a centrifuge at 45.8° with a wrong radius or sense, or lever arms.
+
+    The lever arms are along the axes of the triad, m.
+    """
     f, rates = sensed_motion(
         full_circle()[::2], RATES, radius, earth_up=sense * EARTH * np.sin(0.8)
     )
+    level = 1 - ups(full_circle()[::2], RATES) ** 2
+    f = f - rates[:, None] ** 2 * np.array(arms) * level / PAPER_G
     seen, sensor, spins = centrifuge_table(
         TRUTH.output(f) + 0.02 * NOISE * rng.standard_normal(f.shape), rates
     )
@@ -395,6 +407,17 @@ def test_a_wrong_radius_of_an_arm_is_named_and_not_gravity():
         assert suspect.name == "radius"
         assert suspect.sizes[0] == pytest.approx(1.2e-3, rel=0.01)
         assert "g" in suspect.indistinguishable
+        left = scipy.stats.chi2.sf(suspect.remaining_chi2, suspect.remaining_dof)
+        assert suspect.remaining_p_value == pytest.approx(left)
+
+
+@pytest.mark.parametrize("arms", [(2e-3, 1e-3, -1e-3), (-5e-4, 1e-3, 2e-3), (0.0, 2e-3, 1e-3)])
+def test_lever_arms_in_unknown_attitudes_are_named_before_cross_terms(arms: tuple[float, ...]):
+    found = on_an_arm(np.random.default_rng(4), arms=arms).best
+    assert found is not None
+    assert found.name == "arm_i"
+    assert np.isnan(found.sizes).all()  # they depend on the attitudes, which are unknown
+    assert found.remaining_p_value < 1e-6
 
 
 def test_a_reversed_sense_of_rotation_is_named_with_its_key():
@@ -420,3 +443,8 @@ def test_a_misfit_without_a_cause_is_stated_once_and_with_its_size():
     assert f"χ² = {estimate.score_tests.chi2:.0f} with 199 degrees" in first
     assert second != first
     assert NO_SINGLE_CAUSE not in first
+
+
+def test_an_error_of_the_stretch_is_stated_in_the_unit_of_its_key():
+    text = format_component(triad("t", "f", "x"), "bench", "stretch", 1e-7, 1e-9, "(m/s²)⁻¹")
+    assert text == "0.9807 ± 0.0098 ppm/g"

@@ -8,14 +8,14 @@ are compared with the nominal rates in the same way, all rows divided by the lar
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, combinations, pairwise
-from math import degrees, pi
+from itertools import chain, combinations, pairwise, product
+from math import atan2, degrees, pi, radians
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.contract import MeanBench
 from inercal.physics.plan import Attitude, Index, Spin, Turn, arm_attitude
@@ -26,6 +26,7 @@ _ALIKE, _REWEIGHTED = 1e-3, 20  # relative: smaller residuals have equal weight;
 _VECTORS, _NORMS, _SCATTER = 0.05, 0.3, 8.0  # limits, relative to |f|; times the median residual
 _FEWEST, _COLUMN, _MOST_LISTED, _MOST_REPAIRS = 6, 4, 4, 3  # rows, rows, rows, changes
 _PAIR, _LEAST_RATE = 2, 1e-3  # rows; rad/s: the earth's rate alone shows no wrong row
+_ROUNDED = 1e-12  # relative rounding error of a mean
 _LARGEST_ERROR = 0.3  # of scale factors and axes
 _REPAIR_WORDS = {
     "sign": "changing the sign of",
@@ -163,13 +164,26 @@ def contradicting_rows(
         return text, ()
     triad, read, labels, moves, least, compare = table
     fit, off = table.off(read, moves)
-    limit = max(least, _SCATTER * float(np.median(off)))
+    usual = _SCATTER * float(np.median(off))
+    limit = max(least, usual)
     wild = sorted(np.flatnonzero(off > limit).tolist(), key=lambda k: -off[k])
-    labels = tuple(labels[k] for k in wild)
-    peaks = {f"{np.abs(triad.to_output(read[k])).max():.6g}" for k in wild}
-    if len(wild) >= _COLUMN and len(peaks) == 1:
+    written = triad.to_output(read)
+    text = _constant_channel(written, triad, labels, wild) if wild else ""
+    clipped = _clipped_rows(written, wild, np.flatnonzero(off > usual))
+    labels = tuple(labels[k] for k in clipped or wild)
+    if text:
+        return text, tuple(table.labels[k] for k in wild)
+    if clipped:
         text = f"the largest reading of {', '.join(labels[:_MOST_LISTED])} and other rows is always"
-        return f"{text} {peaks.pop()}, where the output is clipped; remove these rows", labels
+        peak = np.abs(written[clipped[0]]).max()
+        return f"{text} {peak:.6g}, where the output is clipped; remove these rows", labels
+    of_wild = {s.attitude for k in wild if isinstance(s := moves[k], Spin)}
+    if len(wild) > 1 and len(of_wild) == 1 and least != _NORMS:
+        for text, attitude in _other_attitudes(*of_wild):
+            others = [replace(moves[k], attitude=attitude) for k in wild]
+            if (_off(*compare(read[wild], others), fit) < limit).all():
+                span = f"{table.labels[min(wild)]} to {table.labels[max(wild)]}"
+                return f"{span} fit with {text}; check this mounting", labels
     lines: list[str] = []
     word = "force" if triad.axes[0].measures == "f" else "largest rate"
     for k, label in zip(wild[:_MOST_LISTED], labels, strict=False):
@@ -189,17 +203,19 @@ def contradicting_rows(
 def _wrong_column(table: _Table) -> str:
     """Return a mistake in several rows whose correction makes all rows agree; empty if none."""
     triad, read, moves, least = table.triad, table.read, table.moves, table.least
-    if least == _NORMS or not isinstance(moves[0], Spin | Index):
+    if not isinstance(moves[0], Spin | Index):
         return ""
     wrong = int(np.sum(table.off(read, moves)[1] > least))
     if wrong < _PAIR:
         return ""
     axes, several = triad.input_axes(triad.axes[0].measures), wrong >= _COLUMN
+    norms = least == _NORMS
     columns = _other_columns(moves) if several else ()
-    tried = ((text, read, steps) for text, steps in chain(columns, _exchanged_mountings(moves)))
-    for text, seen, steps in chain(_reversed_axes(table), tried):
+    exchanged = () if norms else _exchanged_mountings(moves)
+    tried = ((text, read, steps) for text, steps in chain(columns, exchanged))
+    for text, seen, steps in chain(() if norms else _reversed_axes(table), tried):
         fit, off = table.off(seen, steps)
-        near = np.abs(fit[:-1].T - axes).max() < _LARGEST_ERROR
+        near = np.abs(fit - 1 if norms else fit[:-1].T - axes).max() < _LARGEST_ERROR
         if near and np.sum(off > least) <= int(several):
             return f"the readings look as if {text}"
     return ""
@@ -235,6 +251,32 @@ def _mountings(moves: _Steps) -> dict[Attitude, str]:
             name = step.attitude.name or f"of {step.label}"
             found.setdefault(step.attitude, f"the mounting {name}")
     return found
+
+
+def _constant_channel(
+    written: Array, triad: Sensor, labels: Sequence[str], wild: Sequence[int]
+) -> str:
+    """Return that a channel has one value in consecutive rows: in many, or in all `wild` rows."""
+    for name, column in zip(triad.channels, written.T, strict=True):
+        changes = np.abs(np.diff(column)) > _ROUNDED * np.abs(column).max()
+        for rows in np.split(np.arange(len(column)), np.flatnonzero(changes) + 1):
+            inside = 3 * len(rows) > len(column) or set(wild) <= set(rows.tolist())
+            if len(rows) >= _COLUMN and inside:
+                span = f"{labels[rows[0]]} to {labels[rows[-1]]}"
+                return f"{name} is always {column[rows[0]]:.6g} from {span}; check its connection"
+    return ""
+
+
+def _clipped_rows(written: Array, wild: Sequence[int], suspected: Indices) -> list[int]:
+    """Return the rows whose largest reading is one value, or the largest of all; none if few.
+
+    A value that is only the largest of all must be `suspected` in several rows.
+    """
+    peaks = np.array([float(f"{one:.6g}") for one in np.abs(written).max(axis=-1)])
+    if len(wild) >= _COLUMN and len(set(peaks[wild].tolist())) == 1:
+        return list(wild)
+    is_largest = peaks == peaks.max()
+    return np.flatnonzero(is_largest).tolist() if is_largest[suspected].sum() >= _COLUMN else []
 
 
 def least_absolute_fit(columns: Array, read: Array) -> Array:
@@ -286,24 +328,41 @@ def _changes(
 
 def _other_columns(moves: _Steps) -> Iterator[tuple[str, _Steps]]:
     """Yield frequent mistakes in a whole column of angles, and the steps without the mistake."""
-    key = "angle" if isinstance(moves[0], Index) else "attitude"
-    for shift, word in ((1, "down"), (-1, "up")):
+    of_spins = {"rate": "rates", "attitude": "angles or mountings"}
+    keys = {"angle": "angles or mountings"} if isinstance(moves[0], Index) else of_spins
+    for (key, words), (shift, word) in product(keys.items(), ((1, "down"), (-1, "up"))):
         right = [getattr(step, key) for step in (*moves[shift:], *moves[:shift])]
-        text = f"the column of angles or mountings was moved {word} by one row; move it back"
+        text = f"the column of {words} was moved {word} by one row; move it back"
         yield text, [replace(a, **{key: b}) for a, b in zip(moves, right, strict=True)]
     known = [step.attitude for step in moves if isinstance(step, Spin)]
     if not known or any(one is None or one.name or one.up[1] for one in known):
         return
-    out, up = (np.array([getattr(one, name) for one in known]).T for name in ("out", "up"))
-    theta = np.arctan2(up[0], -up[2])  # the inverse of `arm_attitude`
-    psi = np.arctan2(out[1], out[2] * up[0] - out[0] * up[2])
-    radians = 'the angles were in rad; state [data] attitude_unit = "rad"'
+    psi, theta = np.array([_arm_angles(one) for one in known if one is not None]).T
+    in_rad = 'the angles were in rad; state [data] attitude_unit = "rad"'
     for text, one, two in (
         ("the columns of ψ and θ were exchanged; correct [data] attitude", theta, psi),
-        (radians, np.degrees(psi), np.degrees(theta)),
+        (in_rad, np.degrees(psi), np.degrees(theta)),
     ):
         right = map(arm_attitude, one.tolist(), two.tolist())
         yield text, [replace(a, attitude=b) for a, b in zip(moves, right, strict=True)]
+
+
+def _arm_angles(attitude: Attitude) -> tuple[float, float]:
+    """Return ψ and θ, rad, the inverse of `arm_attitude`."""
+    out, up = attitude.out, attitude.up
+    return atan2(out[1], out[2] * up[0] - out[0] * up[2]), atan2(up[0], -up[2])
+
+
+def _other_attitudes(attitude: Attitude | None) -> Iterator[tuple[str, Attitude]]:
+    """Yield attitudes with another ψ or θ, in steps of 15°, those in steps of 90° first."""
+    if attitude is None or attitude.name or attitude.up[1]:
+        return
+    psi, theta = _arm_angles(attitude)
+    for turn in sorted(range(15, 360, 15), key=lambda turn: turn % 90 > 0):
+        for name, one, two in (("θ", 0, radians(turn)), ("ψ", radians(turn), 0)):
+            before = round(degrees(theta if two else psi), 6) % 360
+            text = f"{name} = {(before + turn) % 360:.6g}° instead of {before:.6g}°"
+            yield text, arm_attitude(psi + one, theta + two)
 
 
 @dataclass(frozen=True)

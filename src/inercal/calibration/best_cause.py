@@ -36,14 +36,17 @@ import scipy
 from inercal.basics.run_file_advice import Advice, Change
 from inercal.estimation import Estimate, ScoreTest
 from inercal.estimation.scores import (
+    BIAS_STEP,
     CERTIFICATE,
     HYSTERESIS,
+    LINEARISATION,
     PARALLEL_COSINE,
     SCORE_TEST_SHARE,
     SIGNIFICANCE_LEVEL,
     CandidateKind,
     ScoreTestSet,
-    remaining_p_value,
+    chi2_tail_probability,
+    sufficiency_p_value,
 )
 from inercal.estimation.uncertainty import COVERAGE
 
@@ -68,7 +71,7 @@ class SuspectedCause:
     name, kind, components, units
         The values of the candidate (`inercal.estimation.Candidate`).
     sizes, sds : tuple of float
-        Estimated sizes of its components and their standard deviations, SI.
+        Estimated sizes of its components and their standard deviations, SI; NaN if unknown.
     chi2, dof, adjusted
         Decrease of χ², its degrees of freedom, and the p-value adjusted for the number of
         candidates.
@@ -82,6 +85,9 @@ class SuspectedCause:
         Smallest sizes of the components that explain as much, SI.
     other_rows : tuple of str
         If the cause is a row: the other rows in `indistinguishable`. A file does not state them.
+    is_sufficient : bool
+        Whether noise explains the rest, or the error with which the effect is computed
+        (`inercal.estimation.Candidate`). A file does not state it.
     shift : float
         Largest shift of a coefficient due to the cause, divided by the U of this coefficient.
     shifted_coefficient : str
@@ -109,6 +115,7 @@ class SuspectedCause:
     changes: tuple[Change, ...] = ()
     least_sizes: tuple[float, ...] = ()
     other_rows: tuple[str, ...] = field(default=(), compare=False)
+    is_sufficient: bool = field(default=True, compare=False)
 
     @property
     def place(self) -> str:
@@ -177,7 +184,7 @@ def find_best_cause(
     as_good = [
         score
         for score in convincing
-        if score.chi2 > best.chi2 - _EQUIVALENT_CHI2
+        if score.chi2 > best.chi2 - max(_EQUIVALENT_CHI2, _uncertain_chi2(score))
         # A cause with more directions would always explain more. If the cause is a row, its
         # readings may have any values.
         and (score.kind == "row" or score.dof <= best.dof)
@@ -212,13 +219,14 @@ def find_best_cause(
     expanded = COVERAGE * estimate.std[:count]
     shift = np.abs(first.shift[:count]) / np.where(expanded > 0, expanded, np.inf)
     most = int(np.argmax(shift))
+    known = 1.0 if first.effect_error <= LINEARISATION else np.nan
     return SuspectedCause(
         first.name,
         first.kind,
         first.components,
         first.units,
-        tuple(first.size.tolist()),
-        tuple(first.sd.tolist()),
+        tuple((known * first.size).tolist()),
+        tuple((known * first.sd).tolist()),
         first.chi2,
         first.dof,
         familywise_p_value(score_tests, first),
@@ -227,18 +235,26 @@ def find_best_cause(
         float(shift[most]),
         estimate.names[most],
         tuple(one.name for one in alike),
-        _remaining_p_value(score_tests, first),
+        chi2_tail_probability(
+            max(score_tests.chi2 - first.chi2, 0.0),
+            score_tests.dof - first.dof,
+            score_tests.noise_dof,
+        ),
         first.changes,
         () if first.least_size is None else tuple(first.least_size.tolist()),
         tuple(one.name for one in alike if first.kind == one.kind == "row"),
+        _is_sufficient(score_tests, first),
     )
+
+
+def _uncertain_chi2(score: ScoreTest) -> float:
+    """Return the χ² that a candidate may leave because its effect is not known accurately."""
+    return (score.effect_error**2 - LINEARISATION**2) * score.chi2
 
 
 def _is_equivalent(score_tests: ScoreTestSet, score: ScoreTest, other: ScoreTest) -> bool:
     """Return whether a candidate explains as much as another, or enough if that is incredible."""
-    enough = other.departure > _INCREDIBLE and (
-        _remaining_p_value(score_tests, score) >= SIGNIFICANCE_LEVEL
-    )
+    enough = other.departure > _INCREDIBLE and _is_sufficient(score_tests, score)
     return other.cosine(score) >= PARALLEL_COSINE and (
         enough or score.chi2 > other.chi2 - _EQUIVALENT_CHI2
     )
@@ -266,9 +282,10 @@ def _may_include(score: ScoreTest, cause: ScoreTest) -> bool:
     return float(scipy.special.fdtr(further, cause.dof, ratio)) > _LEAST_CHANCE
 
 
-def _remaining_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:
-    left = max(score_tests.chi2 - score.chi2, 0.0)
-    return remaining_p_value(left, score_tests.dof - score.dof, score.chi2, score_tests.noise_dof)
+def _is_sufficient(score_tests: ScoreTestSet, score: ScoreTest) -> bool:
+    left, dof = max(score_tests.chi2 - score.chi2, 0.0), score_tests.dof - score.dof
+    p_value = sufficiency_p_value(left, dof, score.chi2, score_tests.noise_dof, score.effect_error)
+    return p_value >= SIGNIFICANCE_LEVEL
 
 
 def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
@@ -280,7 +297,7 @@ def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
     left, dof = max(score_tests.chi2 - score.chi2, 0.0), score_tests.dof - score.dof
     if dof <= 0 or score.is_implausible:
         return False
-    if not left or _remaining_p_value(score_tests, score) >= SIGNIFICANCE_LEVEL:
+    if not left or _is_sufficient(score_tests, score):
         return True
     ratio = (score.chi2 / score.dof) / (left / dof)
     return (
@@ -380,12 +397,15 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
         return "use a method that estimates this coefficient; U does not include its effect"
     if cause.name == "latitude":
         return "check the latitude and its sign, and the names and signs of the gyros' columns"
-    if cause.name == "autocollimator scale":
-        return "check the sign and the unit of the autocollimator readings in [data]"
+    if cause.name in ("autocollimator scale", "level scale"):
+        instrument = cause.name.partition(" ")[0]
+        return f"check the sign and the unit of the {instrument} readings in [data]"
     if cause.name.startswith(CERTIFICATE):
         return "check the sign and the first face of the deviations in [bench] polygon"
     if cause.kind == "bench" and cause.changes:
         return f"check whether the run file should state {changes_text(cause.changes)}"
+    if cause.name.startswith(BIAS_STEP):
+        return "check whether the sensor was touched or switched off there; if so, split the run"
     if cause.name.startswith(HYSTERESIS) and cause.name.endswith("temperature"):
         return "change the temperature more slowly; the conditions of the fit state half the loop"
     if cause.name.startswith(HYSTERESIS):

@@ -101,8 +101,8 @@ class HypothesisTest:
 class Assessment:
     """Results of the tests of an estimate.
 
-    `best` is the tested cause that explains the residuals best. It is the suspect if nothing
-    significant remains.
+    `best` is the tested cause that explains the residuals best. It is the suspect if it is
+    sufficient.
     """
 
     tests: tuple[HypothesisTest, ...]
@@ -114,7 +114,7 @@ class Assessment:
     def suspect(self) -> SuspectedCause | None:
         """The single cause that explains the residuals, if there is such a cause."""
         best = self.best
-        return best if best and best.remaining_p_value >= SIGNIFICANCE_LEVEL else None
+        return best if best and best.is_sufficient else None
 
     @property
     def rejecting_tests(self) -> tuple[HypothesisTest, ...]:

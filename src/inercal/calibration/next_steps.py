@@ -15,9 +15,9 @@ from inercal.estimation.scores import (
     BURST_AT,
     COMMON_DRIFT,
     HYSTERESIS,
-    MAGNETIC_STEP,
     SIGNIFICANCE_LEVEL,
     SLOW_NOISE,
+    STEP,
 )
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding
@@ -79,7 +79,7 @@ def steps_on_cause(
     row, suspect, best = assessment.row, assessment.suspect, assessment.best
     if suspect is None and best is not None:
         explains = best.chi2 > best.remaining_chi2
-        magnetic = best.name.startswith(MAGNETIC_STEP) and explains
+        magnetic = best.name.startswith(STEP) and explains
         if magnetic or best.name.startswith(HYSTERESIS):
             suspect = best  # it hides all other causes
         elif explains and is_estimable(best, possible) and advisor.on_cause(best).changes:

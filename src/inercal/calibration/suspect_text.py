@@ -16,7 +16,12 @@ from inercal.calibration.best_cause import CHANGE_PREFIX, SuspectedCause
 from inercal.calibration.detectability import coefficient_definition
 from inercal.calibration.explanation import first_fit
 from inercal.calibration.grade import Assessment, row_words, two_digits
-from inercal.estimation.scores import HYSTERESIS, CandidateKind, ScoreTestSet
+from inercal.estimation.scores import (
+    HYSTERESIS,
+    SIGNIFICANCE_LEVEL,
+    CandidateKind,
+    ScoreTestSet,
+)
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_selection import coefficient_words
 
@@ -29,6 +34,7 @@ _DISPLAY_UNITS = {
     "s": "ms",
     "1": "ppm",
     "T": "µT",
+    "(m/s²)⁻¹": "ppm/g",
 }
 _PERCENT_THRESHOLD = 0.01  # a larger ratio is shown in %
 _MAX_LISTED = 6  # largest number of candidates in a line
@@ -167,6 +173,12 @@ def suspect_lines(
     if parts:
         lines.append(f"Its size would be {'; '.join(parts)} (k = 1).")
     lines.append(f"χ² would drop {_chi2_drop(one)}.")
+    if one.remaining_p_value < SIGNIFICANCE_LEVEL:
+        lines.append(
+            f"The rest is larger than the noise (p {p_value_text(one.remaining_p_value)}). It may "
+            "be due to the inaccuracy with which so large an effect is estimated, but there may "
+            "also be another cause."
+        )
     if one.shift > 0:
         shifted = coefficient_words(sensor, one.shifted_coefficient)
         lines.append(f"Leaving it out shifts the {shifted} by {two_digits(one.shift)} U.")

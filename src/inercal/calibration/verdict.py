@@ -66,7 +66,12 @@ from inercal.calibration.suspect_text import (
     degrees_of_freedom,
 )
 from inercal.estimation import Estimate
-from inercal.estimation.scores import SIGNIFICANCE_LEVEL, remaining_p_value
+from inercal.estimation.scores import (
+    LINEARISATION,
+    SIGNIFICANCE_LEVEL,
+    chi2_tail_probability,
+    sufficiency_p_value,
+)
 from inercal.estimation.uncertainty import COVERAGE
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
@@ -266,12 +271,13 @@ def _refitted(
         return assessment
     drop = best.chi2 + best.remaining_chi2 - left
     unknown = (np.nan,) * len(best.components)
-    p_value = remaining_p_value(left, best.remaining_dof, drop, noise_dof)
+    p_value = chi2_tail_probability(left, best.remaining_dof, noise_dof)
+    enough = sufficiency_p_value(left, best.remaining_dof, drop, noise_dof, LINEARISATION)
     return replace(
         assessment,
         best=replace(
             best, chi2=drop, remaining_chi2=left, remaining_p_value=p_value, sizes=unknown,
-            sds=unknown,
+            sds=unknown, is_sufficient=enough >= SIGNIFICANCE_LEVEL,
         ),
     )  # fmt: skip
 

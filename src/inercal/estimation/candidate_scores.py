@@ -234,6 +234,7 @@ def _score_tests(
                 share[k][c],
                 least_size[k, c],
                 one.is_switch,
+                one.effect_error,
             )
             for c, one in enumerate(some)
         ]

@@ -45,7 +45,8 @@ CandidateKind = Literal["coefficient", "bench", "row", "time"]
 
 CERTIFICATE = "polygon certificate"  # start of the names of its candidates
 HYSTERESIS = "hysteresis of "  # start of the name of a candidate, followed by the axis
-MAGNETIC_STEP = "step of the "  # begins the name of a step of the magnetic field or of the offset
+STEP = "step of the "  # begins the name of a step of the magnetic field, of the offset or a bias
+BIAS_STEP = f"{STEP}bias"  # between two passes on a dividing head
 # Tests of the samples within sections, by the start of their names.
 BURST_AT = "burst at the "  # begins the name of a test for a burst at the start or end of a section
 COMMON_DRIFT, SLOW_NOISE = "drift common to all sections", "noise slower than the sections"
@@ -62,7 +63,7 @@ _CONTRADICTION = 6.0  # standard deviations
 _MISTYPED = 5.0  # an error of a stated value, relative to the largest plausible departure
 _SWITCH_TOLERANCE = 3.0  # standard deviations from the size 1
 _HARDLY_VISIBLE = 1e-3  # visible fraction of an effect, below which it is hardly visible
-_LINEARISATION = 0.05  # relative error of the explained part, a first-order estimate
+LINEARISATION = 0.05  # relative error of the explained part, a first-order estimate
 
 
 def chi2_tail_probabilities(
@@ -114,11 +115,14 @@ def chi2_tail_probability(
     return float(chi2_tail_probabilities(np.array(chi2), dof, noise_dof, channels))
 
 
-def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: float) -> float:
-    """Return the p-value of the χ² that remains after a candidate is explained; 1 if dof is 0.
+def sufficiency_p_value(
+    remaining: float, dof: int, explained: float, noise_dof: float, effect_error: float
+) -> float:
+    """Return the p-value of the χ² that a candidate leaves; 1 if dof is 0.
 
     A candidate's size is a first-order estimate, so part of a large effect remains in the
-    residuals. The remainder is treated as a noncentral χ² with 5 % of the explained amplitude.
+    residuals. The remainder is treated as a noncentral χ² with this part of the explained
+    amplitude, so a candidate with a p-value of 1 may still leave far more than the noise.
 
     Parameters
     ----------
@@ -128,10 +132,12 @@ def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: f
         Decrease of χ² due to the candidate.
     noise_dof : float
         See `chi2_tail_probability`.
+    effect_error : float
+        See `Candidate`.
     """
     if dof <= 0:
         return 1.0
-    away = _LINEARISATION**2 * explained
+    away = effect_error**2 * explained
     if np.isinf(noise_dof):
         return float(1 - scipy.special.chndtr(remaining, dof, away))
     return float(1 - scipy.special.ncfdtr(dof, noise_dof, away, remaining / dof))
@@ -200,6 +206,9 @@ class Candidate:
         Changes to run-file keys that make the method estimate the parameters, if known.
     is_switch : bool
         Whether the true size is 0 or 1, as for a sense of rotation that may be stated reversed.
+    effect_error : float
+        Relative error of the effect on the observations. It is larger than that of a first-order
+        estimate if `rows` depend on something unknown, such as the attitudes of a triad.
     """
 
     name: str
@@ -212,6 +221,7 @@ class Candidate:
     stated_sds: Array | None = None
     changes: tuple[Change, ...] = ()
     is_switch: bool = False
+    effect_error: float = LINEARISATION
 
     def without_zero_components(self) -> "Candidate":
         """Return the candidate without components that have no effect on the observations."""
@@ -286,7 +296,7 @@ class ScoreTest:
         candidate, this is the shift due to its largest plausible size.
     explained : ExplainedResidual
         The part of the whitened residual that the candidate explains.
-    largest, stated_sds, changes, is_switch
+    largest, stated_sds, changes, is_switch, effect_error
         Attributes of the candidate.
     visible_share : float
         Largest share of the candidate's column that the fit leaves to the residuals; 1 if `moved`
@@ -312,6 +322,7 @@ class ScoreTest:
     visible_share: float = 1.0
     least_size: Array | None = None
     is_switch: bool = False
+    effect_error: float = LINEARISATION
 
     @property
     def p_value(self) -> float:

@@ -4,6 +4,7 @@ The errors of the head are nuisances or zero.
 """
 
 from dataclasses import replace
+from itertools import pairwise
 from math import pi
 
 import numpy as np
@@ -16,13 +17,15 @@ from inercal.benches.dividing_head.bench import DividingHead, drift_names, sense
 from inercal.benches.dividing_head.bench import position_plan as on_head
 from inercal.benches.dividing_head.characteristics import loop_columns
 from inercal.benches.dividing_head.passes import (
+    LEVEL_SCALE,
     READING_SCALE,
     drift_ramps,
     pass_names,
+    pass_numbers,
     sensor_angles,
 )
 from inercal.estimation import Candidate, Problem
-from inercal.estimation.scores import CERTIFICATE, HYSTERESIS
+from inercal.estimation.scores import BIAS_STEP, CERTIFICATE, HYSTERESIS
 from inercal.methods import Fit, Priors, Remarks, candidates, mean_problem
 from inercal.physics.plan import Index, Indexings
 from inercal.physics.sensors import Sensor
@@ -32,6 +35,7 @@ MIN_POSITIONS = 4  # positions
 _TESTED_HARMONICS = 4  # of the head's error; higher harmonics act like graduation errors
 _LARGEST_MOUNTING, _FAR = pi / 180, 10.0  # rad; times the stated zero of the head
 _MAX_ANGLE_CORRECTION = 1.5e-4  # rad
+_WRONG_UNIT = 50.0  # relative: readings in another unit, or with the other sign
 
 
 def remarks(fit: Fit[DividingHead, Index]) -> Remarks:
@@ -112,9 +116,13 @@ def head_problem(
         for name, parameter in wider.nuisances(steps, sensor).items()
         if name != "lean"  # a second-order effect, so its column would be its own estimate
     }
-    if any(step.reading for step in steps):
-        meaning = "scale of the autocollimator readings"
-        suspects[READING_SCALE] = Parameter(READING_SCALE, "1", 0.0, "run", 0.0, meaning)
+    for name, instrument, read in (
+        (READING_SCALE, "autocollimator", any(step.reading for step in steps)),
+        (LEVEL_SCALE, "level", len({step.level for step in steps}) > 1),
+    ):
+        if read:
+            meaning = f"scale of the {instrument} readings"
+            suspects[name] = Parameter(name, "1", 0.0, "run", 0.0, meaning)
     result = mean_problem.problem_of_readings(
         observations,
         sensor,
@@ -126,11 +134,16 @@ def head_problem(
         suspects=suspects,
     )
     loops, others = _hysteresis_candidates(sensor, bench, steps), result.candidates
-    loops += _certificate_candidates(sensor, bench, steps)
+    loops += _certificate_candidates(sensor, bench, steps) + _step_candidates(sensor, steps)
     assert others is not None
 
     def with_loops(x: Array) -> list[Candidate]:
-        return [*others(x), *loops]
+        scales = (READING_SCALE, LEVEL_SCALE)
+        listed = [
+            replace(one, largest=np.array([_WRONG_UNIT])) if one.name in scales else one
+            for one in others(x)
+        ]
+        return [*listed, *loops]
 
     return replace(result, candidates=with_loops)
 
@@ -166,6 +179,23 @@ def _hysteresis_candidates(
         rows[:, k] = loop
         loops.append(candidates.Column(f"{HYSTERESIS}{name}", "m/s²", rows.ravel()))
     return candidates.together_and_alone("time", [(f"{HYSTERESIS}all accelerometers", loops)])
+
+
+def _step_candidates(sensor: Sensor, steps: Indexings) -> list[Candidate]:
+    """Return candidates for a change of the biases between two passes."""
+    found: list[tuple[str, list[candidates.Column]]] = []
+    for k, (before, after) in enumerate(pairwise(pass_numbers(steps)), start=1):
+        if before == after:
+            continue
+        place = f"before {steps[k].label}"
+        columns: list[candidates.Column] = []
+        for c, channel in enumerate(sensor.channels):
+            rows = np.zeros((len(steps), len(sensor.channels)))
+            rows[k:, c] = 1.0
+            name = f"{BIAS_STEP} of {channel} {place}"
+            columns.append(candidates.Column(name, "m/s²", rows.ravel()))
+        found.append((f"{BIAS_STEP} of all accelerometers {place}", columns))
+    return candidates.together_and_alone("time", found)
 
 
 def _test_families(

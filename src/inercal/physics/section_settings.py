@@ -209,10 +209,16 @@ def section_constant(section: BenchSection, name: str, like: str) -> Measured:
 
 
 def section_length(section: BenchSection, name: str) -> Measured:
-    """Return a measured length, m, which must be positive."""
-    length = section_constant(section, name, "m")
+    """Return a measured length, m, which must be positive and larger than its uncertainty."""
+    length, key, text = (
+        section_constant(section, name, "m"),
+        f"[bench] {name}",
+        getattr(section, name),
+    )
     if length.value <= 0:
-        raise key_error(f"[bench] {name}", f"{getattr(section, name)!r} must be positive")
+        raise key_error(key, f"{text!r} must be positive")
+    if length.sd >= length.value:
+        raise key_error(key, f"the uncertainty in {text!r} is larger than the length itself")
     return length
 
 

@@ -1,4 +1,4 @@
-"""Check readings on a dividing head: their phase, their amplitude, and repeated positions."""
+"""Check readings on a dividing head: level, autocollimator and repeated positions."""
 
 from collections.abc import Sequence
 from math import pi
@@ -18,13 +18,10 @@ from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Index
 from inercal.physics.section_settings import key_error
-from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations
 from inercal.recordings.data import RunBase
 
-_PHASE = 10.0  # °, the largest error of a fixture
-_SWING = (0.5, 2.0)  # possible amplitudes in g
-_FEWEST = 3  # positions needed to determine a phase
 _LARGEST = 3e-3  # rad, 10′: the range of levels and autocollimators
 _ALONE = 8.0  # an outlier is this many times the usual difference between passes
 _STATED = 4.0  # and this many standard deviations of a difference due to noise and bench
@@ -63,66 +60,6 @@ def require_usable_readings(
                 f"beyond the range of the instrument (10′); check {key}_unit",
                 names=(steps[worst].label,),
             )
-
-
-def require_phases(
-    run: RunBase[DividingHeadData], observations: Observations, steps: Sequence[Index]
-) -> None:
-    """Refuse accelerometers whose readings do not have the phase of their mounting or 1 g.
-
-    Raises
-    ------
-    InputError
-        The phase or the amplitude of an accelerometer's readings is wrong.
-    """
-    angle = np.array([step.angle for step in steps])
-    basis = np.stack([np.ones_like(angle), np.sin(angle), np.cos(angle)], axis=-1)
-    if np.linalg.matrix_rank(basis, tol=1e-3) < _FEWEST:
-        return
-    _, sine, cosine = np.linalg.lstsq(basis, observations.mean, rcond=None)[0]
-    most = (np.arctan2(sine, cosine) * 180 / pi % 360).tolist()  # angle of the largest reading, °
-    key = "[data] accelerometer"
-    given = [str(column) for column in run.data.accelerometer]
-    wanted = largest_reading_angles(run.sensor)
-    off = [_angle_difference(a, b) for a, b in zip(most, wanted, strict=True)]
-    if max(off) > _PHASE:
-        crossed = [_angle_difference(a, b) for a, b in zip(most, wanted[::-1], strict=True)]
-        if len(given) == len("ab") and max(crossed) < _PHASE:
-            raise key_error(
-                key,
-                f"columns {given[0]} and {given[1]} are exchanged: {given[0]} reads most at "
-                f"{most[0]:.0f}° and {given[1]} at {most[1]:.0f}°, but the first must read most at "
-                f'{wanted[0]:.0f}° and the other at {wanted[1]:.0f}°; write ["{given[1]}", '
-                f'"{given[0]}"]',
-                names=(given[0], given[1]),
-            )
-        k = int(np.argmax(off))
-        raise key_error(
-            key,
-            f"{given[k]} reads most at {most[k]:.0f}°, but must read most at {wanted[k]:.0f}°; "
-            "correct the sign of the head's angle, or the mounting" + run.sensor.negative_scales,
-            names=(given[k],),
-        )
-    swing = np.hypot(sine, cosine) / G0
-    if not ((swing > _SWING[0]) & (swing < _SWING[1])).all():
-        k = int(np.argmax(np.abs(np.log(swing))))
-        raise key_error(
-            key,
-            f"the amplitude of {given[k]} in the field of gravity is {swing[k]:.3g} g, not 1 g; "
-            "check the unit and the scale in [sensor.accelerometer]",
-            names=(given[k],),
-        )
-
-
-def largest_reading_angles(sensor: Sensor) -> list[float]:
-    """Return the angle of the head at which each accelerometer has its largest reading, °."""
-    x, y, _ = sensor.input_axes("f").T
-    return (np.degrees(np.arctan2(x, y)) % 360).tolist()
-
-
-def _angle_difference(one: float, other: float) -> float:
-    """Return the difference between two angles, in degrees from 0 to 180."""
-    return abs((one - other + 180) % 360 - 180)
 
 
 def repeat_visit_warnings(

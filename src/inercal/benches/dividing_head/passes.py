@@ -193,7 +193,7 @@ def drift_ramps(steps: Sequence[Index]) -> Array:
     return np.stack(rising)
 
 
-READING_SCALE = "autocollimator scale"
+READING_SCALE, LEVEL_SCALE = "autocollimator scale", "level scale"
 """Name of the relative error of all autocollimator readings; -2 is a wrong sign."""
 
 
@@ -240,10 +240,13 @@ def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[st
     place = [steps[k].label for k in first_visit_rows(steps)]
     collimated = any(step.reading for step in steps)
     mean = sum(step.reading for step in steps) / len(steps)
+    level = sum(step.level for step in steps) / len(steps)
     rows: list[dict[str, float]] = []
     for k, step in enumerate(steps):
         own = {"base": 1.0, f"pier[{step.label}]": 1.0}
         own |= {f"creep[{name}]": float(creeping[p, k]) for p, name in enumerate(named)}
+        if step.level != level:
+            own[LEVEL_SCALE] = step.level - level
         if bench.backlash:
             own["backlash"] = step.sense / 2
         first = trimmed[k]

@@ -17,9 +17,9 @@ from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.characteristics import head_characteristics
 from inercal.benches.dividing_head.checks import (
     repeat_visit_warnings,
-    require_phases,
     require_usable_readings,
 )
+from inercal.benches.dividing_head.phases import require_phases
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.physics.plan import Index
 from inercal.physics.section_settings import key_error, positive_value
@@ -61,6 +61,10 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     shown = shown or any(one.figure.detected for one in found)
     notes = characteristic_notes(found) if shown else ()
     findings += repeat_visit_warnings(result.observations, run.sensor, bench, steps)
+    if bench.collimated != "none" and run.data.autocollimator is None:
+        text = f"The head is assumed to have been adjusted {_TRIMMED[bench.collimated]}, because "
+        text += "[data] names no autocollimator. If it was not adjusted, state autocollimation = "
+        notes = (*notes, f'{text}"none".')
     if rows_of_bands(found):
         result, notes = result.rows(passes.rows_without_series(steps)), (*notes, BAND_NOTE)
     return replace(
@@ -68,6 +72,11 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     )
 
 
+_TRIMMED = {
+    "pairs": "in each pass until the autocollimator read the same at 180° as at 0° and at 270° as "
+    "at 90°",
+    "every": "until the autocollimator read zero at every position",
+}
 _FEW = 4  # so few positions may lie within 6.28°
 _TURNS = 60.0  # rad; no run turns as far as this
 

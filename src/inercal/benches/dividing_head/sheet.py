@@ -19,7 +19,7 @@ from inercal.basics.errors import InputError, error_location
 from inercal.basics.units import format_count, format_duration
 from inercal.benches.dividing_head import passes
 from inercal.benches.dividing_head.bench import DividingHead
-from inercal.benches.dividing_head.checks import largest_reading_angles
+from inercal.benches.dividing_head.phases import largest_reading_angles
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.benches.operator_sheet import ROW, EntryField, Heading, Sheet, SheetRow
 from inercal.physics.plan import Index

@@ -47,6 +47,7 @@ from inercal.recordings import Observations
 
 _Result = TypeVar("_Result")
 _COMPARED = 16  # number of trials that are compared
+_ARM_ERROR = 0.25  # relative error of a lever arm's effect if the attitudes are unknown
 
 
 def likelihood_problem(
@@ -134,8 +135,8 @@ def _lever_arm_candidates(
 
     An arm l along an axis adds −ω² l (1 − v²) to the axis's reading, where v is the component of
     the vertical along the axis. Norms determine only the direction û of the force, and the vertical
-    is perpendicular to it. The mean of v² over all perpendicular directions is (1 − û²)/2. The norm
-    changes by û per unit of a reading.
+    is perpendicular to it. The mean of v² over all perpendicular directions is (1 − û²)/2, which
+    makes the effect inaccurate. The norm changes by û per unit of a reading.
     """
     _, jacobian = built.linearise(x)
     rates = np.array([step.rate for step in steps])
@@ -149,7 +150,8 @@ def _lever_arm_candidates(
         candidates.Column(f"{axis.name}.arm_i", SI_UNITS[line.unit], rows, line.largest)
         for axis, rows in zip(sensor.axes, np.moveaxis(columns, -1, 0), strict=True)
     ]
-    return candidates.together_and_alone("coefficient", [("arm_i", arms)])
+    listed = candidates.together_and_alone("coefficient", [("arm_i", arms)])
+    return [replace(one, effect_error=_ARM_ERROR) for one in listed]
 
 
 def exact_bench_norm_problem(

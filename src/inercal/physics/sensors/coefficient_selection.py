@@ -83,6 +83,11 @@ def _nonorthogonality(axes: Sequence[Axis], k: int) -> list[str]:
     return [name for name, direction in toward.items() if is_earlier(direction)]
 
 
+def _alike(word: str) -> str:
+    """Return a word with digits instead of the letters that look like them: k0 for ko."""
+    return word.lower().translate(str.maketrans("oli", "011"))
+
+
 def _unknown_word_error(axes: Sequence[Axis], word: str) -> InputError:
     lines = [c for axis in axes for c in TABLES[axis.measures]]
     short = sorted({c.name for c in lines})
@@ -90,7 +95,8 @@ def _unknown_word_error(axes: Sequence[Axis], word: str) -> InputError:
     groups = [*dict.fromkeys(c.group for c in lines), *["nonorthogonality"] * triad]
     axis, term = CoefficientName(word).parts
     words = dict.fromkeys([*short, *groups])
-    near = get_close_matches(term.lower(), words, n=2)
+    near = [one for one in words if _alike(one) == _alike(term)]
+    near = near or get_close_matches(term.lower(), words, n=2)
     near = near or [one for one in words if term.startswith(f"{one}_")]
     if word == "auto":
         advice = 'write also = "auto", without a list and without other words'
