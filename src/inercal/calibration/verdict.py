@@ -42,6 +42,7 @@ from inercal.calibration.grade import (
     Assessment,
     Verdict,
     assess,
+    finding_reasons,
     grade_estimate,
     is_far_from_nominal,
     two_digits,
@@ -218,21 +219,26 @@ def verdict(
         word, why = word + ", but U is too large" * (not shared), why + ": state placement" * shared
     cause = found or next(iter(far.values()), known)
     named = cause_line(assessment, sensor, expected)
+    others = "" if added or cause or not named or assessment.best is None else _alternatives_line(
+        alternatives(assessment.best, estimate.score_tests, sensor, expected)
+    )  # fmt: skip
+    step = "" if graded.grade == "consistent" else next_line(
+        steps, told, only=not assessment.rejects
+    )  # fmt: skip
+    warned = _warning_line(findings, (why, step))
     lines = (
         _first_line(word, why),
         fit(added),
         fit(f"Most likely cause: {cause}.")
         if cause
-        else named
-        or _NO_CAUSE * no_cause(estimate, assessment),
-        "" if added or cause or not named or assessment.best is None else _alternatives_line(
-            alternatives(assessment.best, estimate.score_tests, sensor, expected)
-        ),
-        "" if graded.grade == "consistent" else
-        next_line(steps, told, only=not assessment.rejects),
-        _uncertainty_line(largest),
+        else named or _NO_CAUSE * no_cause(estimate, assessment),
+        others,
+        warned,
+        step,
+        # The table of coefficients shows U, too, if there is no line left for it.
+        "" if warned and (added or others) else _uncertainty_line(largest),
         _count_line(len(undetectable)),
-    )  # fmt: skip
+    )
     return replace(
         graded,
         lines=tuple(filter(None, lines)),
@@ -327,6 +333,17 @@ def _first_line(word: str, why: str) -> str:
     cut = fit(short, MOST_CHARACTERS - len(f"{word}: "))
     end = "." * (not why.endswith("…"))
     return first_fit(f"{word}: {why}{end}", f"{word}: {short}{end}", f"{word}: {cut}")
+
+
+def _warning_line(findings: Sequence[Finding], told: Collection[str]) -> str:
+    """Return a line with the refusals and warnings that the other lines do not tell; or ""."""
+    hidden = [
+        reason
+        for severity in ("refused", "warning")
+        for reason in finding_reasons(findings, severity)
+        if not any(reason in line for line in told)
+    ]
+    return fit_list("Warning: ", hidden, "; ") if hidden else ""
 
 
 def _alternatives_line(others: Sequence[str]) -> str:
