@@ -81,7 +81,7 @@ ALL_SCALES = "the stated field, or the unit or scale of all three magnetometers,
 _NO_CAUSE = (
     "No single cause explains this: the noise is larger than stated, or several things are wrong."
 )
-_NOTES_ON_SAMPLES = ("gap", "sections", "repeated", "order", "implausible", "angles")
+_TOLD_NOTES = ("gap", "sections", "repeated", "order", "implausible", "angles", "gravity")
 _NONLINEAR = 0.9  # remaining χ² of a fit, divided by that of the linear step, if it was far off
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
@@ -184,7 +184,7 @@ def verdict(
     largest = _largest_uncertainties(estimate, sensor, expected)
     wrong = bool(far) or any(one.severity == "refused" for one in findings)
     told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
-    noted = [f.message for f in findings if f.severity == "note" and f.what in _NOTES_ON_SAMPLES]
+    noted = [f.message for f in findings if f.severity == "note" and f.what in _TOLD_NOTES]
     scales = tuple(f"{sentence(one)}: {why}." for one, why in far.items())
     sections = {
         explanation.AGREEMENT: (
