@@ -388,6 +388,25 @@ def test_uncertainties_of_one_group_in_several_units_name_their_coefficients():
     ]
 
 
+@pytest.mark.parametrize("added", ["", "Added to the model: something."])
+@pytest.mark.parametrize("rows", [("ax.k2",), ("ax.k2", "ay.k2", "az.k3")])
+def test_warnings_stay_in_the_lines_beside_a_cause_of_the_residuals(
+    rows: tuple[str, ...], added: str
+):
+    found = fitted(3e-4, dict.fromkeys(rows, "coefficient"), SENSOR)
+    warnings = [Finding("warning", "gravity", "g is odd"), Finding("warning", "stuck", "az stays")]
+    said = verdict(found, SENSOR, warnings, possible=rows, added=added)
+    require_short(said)
+    assert any(line.startswith("Most likely cause: ") for line in said.lines)
+    assert any(line.startswith("Next: ") for line in said.lines)
+    for one in warnings:
+        assert sum(one.message in line for line in said.lines) == 1
+    # Without a cause, the first line states the first warning, and a line the other.
+    said = verdict(fitted(0.0, {"ax.k2": "coefficient"}, SENSOR), SENSOR, warnings)
+    assert warnings[0].message in said.lines[0]
+    assert sum(warnings[1].message in line for line in said.lines[1:]) == 1
+
+
 def test_lost_samples_are_told_in_the_explanation_and_do_not_lower_the_grade():
     told = [Finding("note", "gap", "lost"), Finding("note", "jitter", "steps vary")]
     said = verdict(fitted(0.0, {"ax.k2": "coefficient"}, SENSOR), SENSOR, told)

@@ -144,6 +144,20 @@ def test_only_gyros_are_read_where_the_accelerometers_are_an_empty_list(tmp_path
         draft_run_file([log], tmp_path / "run.toml", {"data.accelerometer": "[]"})
 
 
+@pytest.mark.parametrize("stated", [{}, {"data.accelerometer": "[]"}])
+@pytest.mark.parametrize("count", [1, 3])
+def test_gyros_on_a_rate_table_are_not_advised_as_accelerometers(
+    tmp_path: Path, stated: dict[str, str], count: int
+):
+    columns = with_readings({"time_s": (COUNT / HZ).tolist(), "set_rate_dps": [30] * len(COUNT)})
+    gyros = {name: column for name, column in columns.items() if not name.startswith("a")}
+    logs = [written(tmp_path / f"mount_{axis}.csv", gyros) for axis in "xyz"[:count]]
+    with refused(key="data.accelerometer") as caught:
+        draft_run_file(logs, tmp_path / "run.toml", stated)
+    assert "--set data.accelerometer" not in str(caught.value)
+    assert "x_+50.csv" in str(caught.value)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("per_g", "per_degree"), [(16384 / 2, 131 / 2), evidence(2048, 16.4)])
 def test_signed_counts_written_as_unsigned_get_their_signs(

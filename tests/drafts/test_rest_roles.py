@@ -34,6 +34,14 @@ def test_the_triad_that_reads_gravity_is_that_of_the_accelerometers(
     np.testing.assert_allclose(found.data[:, 3:].mean(axis=0), np.radians(rate.mean(axis=0)))
 
 
+def test_whole_seconds_without_a_name_suggest_the_rate(tmp_path: Path):
+    log = written(tmp_path / "log.csv", np.floor(1.7e9 + COUNT / HZ), FORCE, RATE + 1.2)
+    with pytest.raises(InputError) as caught:
+        read_rest_recording(log, STATED | {"sensor.accelerometer.unit": "g"})
+    assert caught.value.key == "data.rate"
+    assert str(caught.value).endswith('rate = "100 Hz"')
+
+
 @pytest.mark.parametrize(
     "parts",
     [(FORCE,), (RATE,), (FORCE, RATE), (np.rint(16384 * FORCE),), (3 * FORCE, RATE + 1)],

@@ -1,5 +1,6 @@
 """Times from the counter of packets."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,28 @@ def test_a_recording_has_the_times_of_its_packets_and_a_finding_of_those_lost(tm
     (gap,) = (finding for finding in read.findings if finding.what == "gap")
     assert (gap.start, gap.stop) == (99, 101)
     assert len(read.gaps) == 2
+
+
+@pytest.mark.parametrize(("rate", "unit", "size"), [(104.0, "ms", 1e3), (400.0, "us", 1e6)])
+def test_times_that_were_stated_as_a_counter_are_refused_with_their_unit(
+    tmp_path: Path, rate: float, unit: str, size: float
+):
+    stamps = np.floor(np.arange(500) * size / (1.004 * rate)).astype(int).tolist()
+    columns = Columns((("ax", "x", "g"),), "packet", "sample", rate)
+    with refused(file="log.csv", key="time_unit", names=("packet",)) as refusal:
+        read_recording(saved(tmp_path, stamps), columns)
+    assert f'time_unit = "{unit}"' in str(refusal.value)
+    (found,) = re.findall(r"gives ([\d.]+) Hz", str(refusal.value))
+    assert float(found) == pytest.approx(1.004 * rate, rel=1e-3)
+
+
+def test_a_counter_of_which_every_tenth_sample_is_stored_is_accepted(tmp_path: Path):
+    counts = list(range(0, 4000, 10))
+    read = read_recording(
+        saved(tmp_path, counts), Columns((("ax", "x", "g"),), "packet", "sample", 1000.0)
+    )
+    np.testing.assert_allclose(read.time, np.array(counts) / 1000, rtol=0, atol=1e-12)
+    assert not len(read.gaps)
 
 
 def test_an_impossible_counter_names_its_file(tmp_path: Path):

@@ -18,6 +18,7 @@ from inercal.physics.plan import Turn
 from inercal.physics.section_settings import section_gravity
 from inercal.physics.sensors import G0
 from inercal.runfile import read
+from inercal.runfile.section_checks import check_stated_gravity
 
 DEGREE = pi / 180
 
@@ -67,6 +68,32 @@ def test_the_lowest_and_highest_gravity_on_earth_are_possible():
     for value in (9.7639, 9.8337):  # Huascarán and the Arctic Ocean
         section = HandSection(gravity=f"{value} m/s² ± 20 µm/s²")
         assert section_gravity(section).value == value
+
+
+@pytest.mark.parametrize(
+    ("gravity", "keys", "severity"),
+    [
+        ("9.80665 m/s² ± 5 µm/s²", {"latitude": "50 °"}, "warning"),
+        ("1 g ± 1 µg", {"latitude": "-55 ° ± 0.1 °"}, "warning"),
+        ("9.80665 m/s² ± 5 µm/s²", {}, None),
+        ("9.80665 m/s² ± 5 µm/s²", {"latitude": "50 °", "height": "1310 m"}, "note"),
+        ("9.80665 m/s² ± 5 µm/s²", {"latitude": "45.5 °"}, "note"),
+        ("9.80665 m/s² ± 2 mm/s²", {"latitude": "50 °"}, "note"),  # a rough value is no claim
+        ("9.80672 m/s² ± 5 µm/s²", {"latitude": "50 °"}, "note"),  # measured at some height
+    ],
+)
+def test_standard_gravity_is_doubted_where_only_a_high_laboratory_has_it(
+    gravity: str, keys: dict[str, str], severity: str | None
+):
+    found = check_stated_gravity(HandSection(gravity=gravity, **keys))  # pyright: ignore[reportArgumentType]
+    assert [(one.what, one.severity) for one in found] == [("gravity", severity)] * bool(severity)
+
+
+def test_the_height_at_which_standard_gravity_is_right_is_named():
+    (found,) = check_stated_gravity(HandSection(gravity="9.80665 m/s²", latitude="50 °"))
+    (height,) = re.findall(r"about (\d+) m;", found.message)
+    # 9.81070 m/s² at 50° on the ellipsoid, minus the free-air gradient of 3.086 µm/s² per metre
+    assert float(height) == pytest.approx((9.81070 - 9.80665) / 3.086e-6, rel=0.01)
 
 
 def test_gravity_is_computed_from_latitude_and_height_where_it_is_not_stated(tmp_path: Path):

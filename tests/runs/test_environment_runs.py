@@ -488,3 +488,57 @@ def test_a_ramp_needs_no_bench(tmp_path: Path):
     soaks = SOAKS[: SOAKS.index("[bench]")] + SOAKS[SOAKS.index("[environment]") :]
     with refused(InputError, key="[bench]"):
         read(written(tmp_path, soaks))
+
+
+G, AXES = 9.80665, ("x", "y", "z")
+KNOWN = {f"a{axis}.k0_dT": "50 µg/K ± 5 µg/K" for axis in AXES}
+
+
+def means_at_one_temperature(seed: int, error_k: float) -> dict[str, list[object]]:
+    """Return means at six faces by 23 °C, whose thermometer has an error common to all rows."""
+    rng = np.random.default_rng(seed)
+    drift = (50e-6 + 5e-6 * rng.normal(size=3)) * (3.0 + error_k * rng.normal())  # g, from 20 °C
+    table: dict[str, list[object]] = {key: [] for key in ("position", *AXES, "t")}
+    for axis in range(3):
+        for sign, word in ((1.0, "p"), (-1.0, "a")):
+            force = sign * np.eye(3)[axis] + drift + 20e-6 * rng.normal(size=3)
+            table["position"].append(f"{AXES[axis]}_{word}")
+            table["t"].append(23.0 + 0.05 * rng.normal())
+            for name, reading in zip(AXES, force.tolist(), strict=True):
+                table[name].append(reading)
+    return table
+
+
+def calibrated_at_one_temperature(
+    table: dict[str, list[object]], prior: Mapping[str, str] = KNOWN
+) -> Outcome:
+    return calibrate(
+        table,
+        method={"name": "six_position", "also": ["k0_dT"], "prior": prior},
+        sensor={"name": "triad", "accelerometer": {"unit": "g"}},
+        bench={"gravity": f"{G} m/s² ± 5 ppm", "tilt": "0.01 °"},
+        environment={"kind": "soaks", "temperature_sd": "0.5 K"},
+        kind="means", label="position", accelerometer=list(AXES), temperature="t",
+        temperature_unit="°C", sd={"accelerometer": "20 µg"},
+    )  # fmt: skip
+
+
+def test_the_error_of_the_thermometer_is_in_u_if_the_temperature_coefficients_are_known():
+    ratios: list[float] = []
+    for seed in range(60):
+        outcome = calibrated_at_one_temperature(means_at_one_temperature(seed, 0.5))
+        # Only warnings could be wrong: no soak needs to test the others.
+        assert not [one for one in outcome.findings if one.severity != "note"]
+        found = outcome.calibration
+        ratios.append(found.value("ax.k0") / found.uncertainty("ax.k0"))
+        # 20 µg / √2 (the tilt hides x in other rows), 5 µg/K for 3 K, and 50 µg/K for 0.5 K
+        u = np.sqrt(20**2 / 2 + (5 * 3) ** 2 + (50 * 0.5) ** 2) * 1e-6 * G
+        assert found.uncertainty("ax.k0") == pytest.approx(u, rel=0.02)
+    # √(χ²/60) is within 0.76 to 1.24 in 99 % of cases.
+    assert 0.76 < np.sqrt(np.mean(np.square(ratios))) < 1.24
+
+
+def test_a_temperature_coefficient_without_a_prior_needs_a_range_of_temperatures():
+    some = {name: text for name, text in KNOWN.items() if name != "az.k0_dT"}
+    with refused(key="[data] temperature"):
+        calibrated_at_one_temperature(means_at_one_temperature(0, 0.5), some)

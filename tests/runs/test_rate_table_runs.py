@@ -13,7 +13,7 @@ from inercal.physics.plan import Spin
 from inercal.physics.sensors import G0
 from inercal.physics.sensors.affine import to_affine
 from inercal.pipeline import Outcome, calibrate
-from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run, rows_of_table
 from inercal.report import write_report
 from inercal.runfile import read
 
@@ -105,6 +105,21 @@ def test_a_budget_of_the_plan_equals_the_stated_uncertainty(tmp_path: Path):
     names = {line.name for line in made.imperfections}
     assert {"pose", "seat", "speed", "lean", "radius", "gravity", "noise"} <= names
     assert np.all(np.isfinite(made.stated()))
+
+
+def test_a_budget_of_a_table_is_of_its_rows(tmp_path: Path):
+    def slow(rows: Rows) -> Rows:
+        return [row for row in rows if float(row[1]) < 60]
+
+    run = read(write_changed_example(tmp_path, rows=slow))
+    rows = rows_of_table(run)
+    assert len(rows) == (tmp_path / "ship.csv").read_text(encoding="utf-8").count("\n") - 1
+    of_rows, of_plan = (experiment_from_run(run, rows=one).stated() for one in (rows, ()))
+    calibration = calibrate(run).calibration
+    np.testing.assert_allclose(of_rows / calibration.std, 1, atol=0.1)
+    assert np.max(of_plan / calibration.std) < 0.9  # the plan has faster turns, too
+    (tmp_path / "ship.csv").unlink()
+    assert rows_of_table(run) == ()
 
 
 def run_refused(path: Path, kind: type[InercalError] = InputError, **data: Any) -> None:

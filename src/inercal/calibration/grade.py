@@ -297,7 +297,7 @@ def grade_estimate(
     bad: list[str] = []
     if not np.all(estimate.converged):
         bad.append("the fit did not converge")
-    bad += [*far, *_finding_reasons(findings, "refused")]
+    bad += [*far, *finding_reasons(findings, "refused")]
     measured = bool(np.isfinite(estimate.noise_dof))
     if assessment.rejects and largest_birge_ratio > (
         _MAX_SCATTER_OF_RESTS if measured else _MAX_SCATTER
@@ -325,7 +325,7 @@ def grade_estimate(
             mild.append(f"the data contradict the {suspect.name}")
         else:
             mild.append(f"the residuals point to {named}")
-    mild += _finding_reasons(findings, "warning")
+    mild += finding_reasons(findings, "warning")
     if not assessment.tests and not estimate.score_tests.scores:
         mild.append("this estimator does not test how well the data agree with the model")
     grade: Grade = "unreliable" if bad else "reservations" if mild else "consistent"
@@ -377,8 +377,8 @@ def _test_reason(name: str) -> str:
     return full if len(full) <= _MOST_REASON else brief  # shortening must not remove the verb
 
 
-def _finding_reasons(findings: Sequence[Finding], severity: str) -> Iterator[str]:
-    """Yield the first message of each kind of finding with this severity."""
+def finding_reasons(findings: Sequence[Finding], severity: str) -> Iterator[str]:
+    """Yield the first message of each kind of finding with this severity, shortened."""
     kinds: dict[str, list[str]] = {}
     for one in findings:
         if one.severity == severity:

@@ -39,6 +39,7 @@ from inercal.calibration.grade import (
     Assessment,
     Verdict,
     assess,
+    finding_reasons,
     grade_estimate,
     is_far_from_nominal,
     two_digits,
@@ -88,7 +89,7 @@ ALL_SCALES = "the stated field, or the unit or scale of all three magnetometers,
 _NO_CAUSE = (
     "No single cause explains this: the noise is larger than stated, or several things are wrong."
 )
-_NOTES_ON_SAMPLES = ("gap", "sections", "repeated", "order", "implausible", "angles")
+_TOLD_NOTES = ("gap", "sections", "repeated", "order", "implausible", "angles", "gravity")
 _NONLINEAR = 0.9  # remaining χ² of a fit, divided by that of the linear step, if it was far off
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
@@ -191,7 +192,7 @@ def verdict(
     largest = _largest_uncertainties(estimate, sensor, expected)
     wrong = bool(far) or any(one.severity == "refused" for one in findings)
     told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
-    noted = [f.message for f in findings if f.severity == "note" and f.what in _NOTES_ON_SAMPLES]
+    noted = [f.message for f in findings if f.severity == "note" and f.what in _TOLD_NOTES]
     scales = tuple(f"{sentence(one)}: {why}." for one, why in far.items())
     sections = {
         explanation.AGREEMENT: (
@@ -227,21 +228,26 @@ def verdict(
         word, why = word + ", but U is too large" * (not shared), why + ": state placement" * shared
     cause = found or next(iter(far.values()), known)
     named = cause_line(assessment, sensor, expected)
+    others = "" if added or cause or not named or assessment.best is None else _alternatives_line(
+        alternatives(assessment.best, estimate.score_tests, sensor, expected)
+    )  # fmt: skip
+    step = "" if graded.grade == "consistent" else next_line(
+        steps, told, only=not assessment.rejects
+    )  # fmt: skip
+    warned = _warning_line(findings, (why, step))
     lines = (
         _first_line(word, why),
         fit(added),
         fit(f"Most likely cause: {cause}.")
         if cause
-        else named
-        or _NO_CAUSE * no_cause(estimate, assessment),
-        "" if added or cause or not named or assessment.best is None else _alternatives_line(
-            alternatives(assessment.best, estimate.score_tests, sensor, expected)
-        ),
-        "" if graded.grade == "consistent" else
-        next_line(steps, told, only=not assessment.rejects),
-        _uncertainty_line(largest),
+        else named or _NO_CAUSE * no_cause(estimate, assessment),
+        others,
+        warned,
+        step,
+        # The table of coefficients shows U, too, if there is no line left for it.
+        "" if warned and (added or others) else _uncertainty_line(largest),
         _count_line(len(undetectable)),
-    )  # fmt: skip
+    )
     return replace(
         graded,
         lines=tuple(filter(None, lines)),
@@ -335,6 +341,17 @@ def _first_line(word: str, why: str) -> str:
     cut = fit(short, MOST_CHARACTERS - len(f"{word}: "))
     end = "." * (not why.endswith("…"))
     return first_fit(f"{word}: {why}{end}", f"{word}: {short}{end}", f"{word}: {cut}")
+
+
+def _warning_line(findings: Sequence[Finding], told: Collection[str]) -> str:
+    """Return a line with the refusals and warnings that the other lines do not tell; or ""."""
+    hidden = [
+        reason
+        for severity in ("refused", "warning")
+        for reason in finding_reasons(findings, severity)
+        if not any(reason in line for line in told)
+    ]
+    return fit_list("Warning: ", hidden, "; ") if hidden else ""
 
 
 def _alternatives_line(others: Sequence[str]) -> str:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def run(
-    run_file: Path = typer.Argument(help="The run file (TOML); its recording is not read."),
+    run_file: Path = typer.Argument(help="The run file (TOML); no readings are used."),
     trials: int = typer.Option(1000, help="Monte Carlo trials for each imperfection."),
     seed: int = typer.Option(0, help="Seed for the trials."),
     workers: Workers = None,
@@ -47,6 +47,7 @@ def run(
     from inercal.pipeline.budget.experiment_from_runfile import (
         experiment_from_run,
         omitted_drift_notes,
+        rows_of_table,
     )
     from inercal.report import report_packages
 
@@ -61,7 +62,8 @@ def run(
         ).located(run_file)
     warn_of_root(scheduler)
     with console.progress_status(f"first order of {plan.sensor.name}") as update, executor:
-        experiment = experiment_from_run(plan)
+        rows = rows_of_table(plan)
+        experiment = experiment_from_run(plan, rows=rows)
         with report_packages():  # while the workers get ready
             from inercal.report.budget_page import budget_page
         result = budget(
@@ -72,7 +74,8 @@ def run(
             executor,
         )
         method = {"method": plan.method.name, "estimator": plan.estimator}
-        notes = omitted_drift_notes(plan)
+        table_note = f"The states are those of the {len(rows)} rows of {plan.data.file}."
+        notes = (*omitted_drift_notes(plan), *([table_note] if rows else []))
         content = budget_as_dict(result) | method | {"notes": list(notes)}
         about = (f"method {plan.method.name}", f"estimator {plan.estimator}", *notes)
         write_text(page, budget_page(result, " · ".join(about)))

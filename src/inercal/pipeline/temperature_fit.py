@@ -271,7 +271,8 @@ def fit_over_temperatures(
         return run, inputs, None
     environment = environment or Environment("soaks")
     observations = inputs.observations
-    _require_temperatures(run, observations)
+    known = _are_known(run)
+    _require_temperatures(run, observations, least=0.0 if known else LEAST_SPAN)
     if run.method.follows_rest:
         return _ordered_ramp(run, inputs)
     weighs = run.method.weighs_common_errors and environment.kind == "soaks"
@@ -286,14 +287,17 @@ def fit_over_temperatures(
     temperatures = soaks.soak_temperatures(observations)
     levels = soaks.distinct_levels(temperatures)
     run = _within_levels(run, levels)
+    known = known and float(np.ptp(temperatures)) < LEAST_SPAN
     if not weighs:
-        untested = is_untested(run.sensor, levels)
+        untested = not known and is_untested(run.sensor, levels)
         return run, inputs, TemperatureFit(temperatures, _orders_of(run), untested=untested)
     solver = _Solver(run, inputs)
     first = solver.solve(observations, run.sensor)
     c = first.value[..., : len(run.sensor.coefficients)]
     rates = _row_rates(inputs)
     observations = soaks.with_soak_errors(observations, run.sensor, c, environment, rates)
+    if known:  # the soaks need not determine the orders
+        return run, replace(inputs, observations=observations), TemperatureFit(temperatures, {})
     tests: tuple[OrderTest, ...] = ()
     if stated == "auto":
         sensor, tests = choose_orders(solver.solve(observations, run.sensor), run.sensor)
@@ -400,8 +404,15 @@ def _row_rates(inputs: EstimatorInput) -> Array | None:
     return np.array([by_label[label] for label in inputs.observations.labels])
 
 
-def _require_temperatures(run: Run, observations: Observations) -> None:
-    """Raise an error if temperatures are missing, constant, or span less than `LEAST_SPAN`."""
+def _are_known(run: Run) -> bool:
+    """Return whether the run states a prior of each temperature coefficient, and no orders."""
+    stated = {name for prior in run.priors for name in prior.names}
+    wanted = {name for name in run.whole_sensor.coefficients if "_dT" in name}
+    return run.temperature_order is None and bool(wanted) and wanted <= stated
+
+
+def _require_temperatures(run: Run, observations: Observations, least: float) -> None:
+    """Raise an error if temperatures are missing, or span less than `least`, K."""
     kelvin = (observations.track or observations).temperature
     names = ", ".join(n for n in run.whole_sensor.coefficients if "_dT" in n)
     if kelvin is None:
@@ -410,12 +421,12 @@ def _require_temperatures(run: Run, observations: Observations) -> None:
             f"it is missing, but {names} need the sensor's temperature; name its column",
         )
     span = float(np.ptp(kelvin))
-    if span < LEAST_SPAN:
+    if span < least:
         low, high = float(kelvin.min()) - ZERO_CELSIUS, float(kelvin.max()) - ZERO_CELSIUS
         raise key_error(
             "[data] temperature",
             f"the temperatures are {low:.2f} to {high:.2f} °C, a span of {span:.2g} K; "
-            f"temperature coefficients need {LEAST_SPAN:g} K or more",
+            f"temperature coefficients need {least:g} K or more, or a prior of each of them",
         )
 
 

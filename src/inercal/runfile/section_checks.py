@@ -7,7 +7,7 @@ The magnetometers of a run file are only accepted if its method can use them.
 """
 
 from collections.abc import Sequence
-from math import degrees, sin
+from math import degrees, isclose, sin
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from inercal.physics.section_settings import (
     section_gravity,
     si_value,
 )
-from inercal.physics.sensors import Sensor
+from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Finding
 from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.temperature import COUNTS
@@ -44,6 +44,7 @@ _ANOMALY = 1e-3  # m/s², 100 mGal: 2.5 standard deviations of free-air anomalie
 _HIGHEST = 3000.0  # m, largest height if a laboratory states none
 _BY_LATITUDE = 0.0517  # m/s² per radian at 45°; multiply by the sine of twice the latitude
 _COVERAGE = 3.0
+_LOCAL_GRAVITY = 1e-4  # largest relative uncertainty with which a value is stated as local gravity
 
 
 def require_used_keys(
@@ -129,7 +130,8 @@ def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
 
     Return a note if gravity is computed without a height. Return a warning if the difference
     exceeds an anomaly of 100 mGal plus three standard uncertainties. If no height is stated, any
-    height from 0 to 3000 m is considered possible.
+    height from 0 to 3000 m is considered possible. A warning also says if gravity is stated as
+    exactly standard gravity, as only a laboratory high above the sea measures it at this latitude.
 
     Parameters
     ----------
@@ -152,6 +154,20 @@ def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
     )
     of_place = f"{normal:.5f} m/s²" if height is not None else f"{lowest:.4f} to {normal:.4f} m/s²"
     both = f"gravity is stated as {stated.value:.5f} m/s²; normal gravity at {at} is {of_place}"
+    if (
+        height is None
+        and isclose(stated.value, G0, rel_tol=1e-9)
+        and stated.sd < _LOCAL_GRAVITY * stated.value
+        and margin < normal - stated.value <= normal - lowest
+    ):
+        rise = _HIGHEST * (normal - stated.value) / (normal - lowest)
+        text = (
+            f"gravity {G0} m/s² is standard gravity, not the local value; at "
+            f"{degrees(place.value):.6g}° of latitude, gravity is {normal:.4f} m/s² at sea level, "
+            f"and {G0} m/s² at a height of about {rise:.0f} m; state the local gravity, or "
+            "[bench] height if this is the height"
+        )
+        return (Finding("warning", "gravity", text),)
     if lowest - margin <= stated.value <= normal + margin:
         difference = f"{1e5 * (stated.value - normal):+.0f} mGal"
         off = f"; the difference is {difference}" if height is not None else ""

@@ -1,4 +1,4 @@
-"""Build the virtual experiment for a budget from a run file; the data are not read."""
+"""Build the virtual experiment for a budget from a run file; the readings are not used."""
 
 from collections.abc import Mapping, Sequence
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, error_location
+from inercal.basics.small_files import is_file
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
 from inercal.physics.plan import Step
 from inercal.physics.quantities import QUANTITIES
@@ -15,7 +16,26 @@ from inercal.recordings.data.recording_loader import stated_deviations
 from inercal.runfile import Run
 
 
-def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment:
+def rows_of_table(run: Run) -> tuple[Step, ...]:
+    """Return the steps that the rows of a table of means define.
+
+    The result is empty if the data are a recording, if [method] states a plan, or if the table does
+    not exist yet. The plan of the method then applies.
+
+    Raises
+    ------
+    InputError
+        The table cannot be read.
+    """
+    if run.data.kind != "means" or run.has_plan_keys or not is_file(run.file(run.data.file)):
+        return ()
+    with error_location(run.path):
+        return tuple(run.kind.observe(run).steps)
+
+
+def experiment_from_run(
+    run: Run, *, free_attitudes: bool = False, rows: Sequence[Step] = ()
+) -> Experiment:
     """Return the experiment that a run file describes.
 
     Parameters
@@ -23,6 +43,8 @@ def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment
     run : Run
     free_attitudes : bool
         Whether methods that estimate the attitudes from means are accepted.
+    rows : sequence of Step, optional
+        Steps of a table of means (`rows_of_table`), which replace those of the plan.
 
     The noise of a mean is its stated deviation ([data.sd]). If none is stated, it is the white
     noise of the axis, averaged over the step. If [sensor.truth] does not state a coefficient that
@@ -39,7 +61,7 @@ def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment
             "attitudes from the recording; use inercal plan, which simulates a recording",
             key="[method] name",
         ).located(run.path)
-    if run.kind.rows_of_table and run.data.kind == "means" and not run.has_plan_keys:
+    if run.kind.rows_of_table and run.data.kind == "means" and not (run.has_plan_keys or rows):
         raise InputError(
             "a budget needs a plan, but the run file names a table: state [method] attitudes, "
             "rates or turns",
@@ -47,7 +69,7 @@ def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment
         ).located(run.path)
     with error_location(run.path):
         refuse_temperature_terms_in_plan(run.sensor)
-        steps = tuple(run.kind.fitted(run.steps))
+        steps = tuple(run.kind.fitted(rows or run.steps))
         bench = require_budget_plan(run.bench, steps)
         believed = {
             name: float(value)

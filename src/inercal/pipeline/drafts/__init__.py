@@ -29,6 +29,7 @@ from inercal.pipeline.drafts.column_roles import (
     UnknownAccelerometers,
     require_no_cluster,
     unknown_accelerometers,
+    without_accelerometers,
     without_sections,
 )
 from inercal.pipeline.drafts.draft_entries import (
@@ -351,11 +352,7 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
     if "table_rate" in roles.single or roles.rates or rests_in_ramp(roles):
         return candidate_methods(roles)
     if roles.triads.get("accelerometer") == ():
-        raise InputError(
-            "data.accelerometer is empty, but no method that init can draft works without "
-            "accelerometers: name their columns, or leave the key out",
-            key="data.accelerometer",
-        ).located(log)
+        raise without_accelerometers(log, roles)
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
     require_no_cluster(log, table, roles)

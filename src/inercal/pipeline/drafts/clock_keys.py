@@ -15,16 +15,23 @@ from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
 from inercal.pipeline.drafts.readouts import GuessedReadout
 from inercal.recordings import Recording
-from inercal.recordings.data.recording_loader import SAME_RATE, require_same_rate
+from inercal.recordings.data.recording_loader import require_same_rate
 from inercal.recordings.io.audit import burst_findings
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.row_checks import shared_stamps_text
-from inercal.recordings.io.time_stamps import is_iso_time, times_from_iso, times_from_origin
+from inercal.recordings.io.time_stamps import (
+    SAME_RATE,
+    is_iso_time,
+    times_from_iso,
+    times_from_origin,
+)
 from inercal.recordings.io.wrapped_numbers import unwrap_stamps, wrap_modulus
 from inercal.recordings.samples import mean_step
 
 _TIME_UNITS = ("s", "ms", "µs", "ns")
 _RATES = (1.0, 20e3)  # Hz, plausible sampling rates of IMUs
+RATE_QUESTION = 'the sampling rate, such as "100 Hz"'
+_YEAR_2001 = 1e9  # s since 1970
 _ROUNDED_STEPS = 1e-3  # the mean of rounded steps may differ from their median, relative
 
 
@@ -35,14 +42,13 @@ def clock_keys(
     if roles.means:
         return None, ()
     name = roles.single.get("time")
-    ask = 'the sampling rate, such as "100 Hz"'
     rate = stated.get("data.rate")
     hertz = None if rate is None else positive_value(rate, "Hz", "[data] rate")
     by_rate = None if hertz is None else np.arange(table.rows) / hertz
-    rate_key = DraftKey("data", "rate", rate or UNKNOWN, "as stated" if rate else "", ask)
+    rate_key = DraftKey("data", "rate", rate or UNKNOWN, "as stated" if rate else "", RATE_QUESTION)
     if name is None:
         if why := _standing_stamps(table):
-            rate_key = replace(rate_key, ask=f"{ask}; {why}")
+            rate_key = replace(rate_key, ask=f"{RATE_QUESTION}; {why}")
         return by_rate, (rate_key,)
     entry = DraftKey("data", "time", run_file_column(name), roles.reasons.get("time", ""))
     column = table.columns[name]
@@ -76,7 +82,7 @@ def clock_keys(
     require_same_rate(hertz or found, name, found, Path(table.source))
     seconds, _ = times_from_origin(stamps, si_factor(unit))
     if roles.reasons.get("time") != STATED and (why := _bursts(seconds)):
-        return by_rate, (replace(rate_key, ask=f"{ask}; {name} is no clock: {why}"),)
+        return by_rate, (replace(rate_key, ask=f"{RATE_QUESTION}; {name} is no clock: {why}"),)
     rounded = abs(mean / step - 1) > _ROUNDED_STEPS
     typical = f"{mean:.4g} {unit} on average" if rounded else f"{step:.6g} {unit}"
     hz = found if rounded else 1 / (step * si_factor(unit))
@@ -118,14 +124,18 @@ def _why_no_times(stamps: Array, unit: str | None) -> str:
 
 
 def _standing_stamps(table: Table) -> str:
-    """Return why a column that is named like a time is not used; empty if there is none.
+    """Return why a column that looks like a time is not used; empty if there is none.
+
+    Such a column is named like a time, or has numbers that are seconds since 1970.
 
     Raises
     ------
     InputError
         The times run backwards, so that the rows are in the wrong order.
     """
-    for name in (one for one in table.names if role_of_name(one) == "time"):
+    for name in table.names:
+        if role_of_name(name) != "time" and not _counts_since_1970(table, name):
+            continue
         column, unit = table.columns[name], time_unit(name)
         if column.dtype.kind != "U":
             stamps = table.numbers(name)
@@ -145,6 +155,14 @@ def _standing_stamps(table: Table) -> str:
         if np.all(steps >= 0) and not np.median(np.diff(stamps)) > 0:
             return f"{name} cannot be the time: {_why_no_times(stamps, unit)}"
     return ""
+
+
+def _counts_since_1970(table: Table, name: str) -> bool:
+    """Return whether a column of numbers never falls, and all of them are after 2001 in s."""
+    if table.columns[name].dtype.kind == "U":
+        return False
+    stamps = table.numbers(name)
+    return bool(np.all(stamps > _YEAR_2001) and np.all(np.diff(stamps) >= 0) and np.ptp(stamps))
 
 
 def suggest_rate(clock: tuple[DraftKey, ...], gyro: GuessedReadout | None) -> tuple[DraftKey, ...]:

@@ -74,7 +74,7 @@ def join_parts(
         single["temperature"] = NAMED
         roles = roles.because({"temperature": "it stands in the names, at the star"})
     marks = "found"
-    if (triad := roles.triads.get("accelerometer")) is not None:
+    if triad := roles.triads.get("accelerometer"):
         force = table.stack(triad)
         scatter = [part.std(axis=0).max() for part in np.split(force, edges)]
         still = max(scatter) <= _STILL * np.ptp(force, axis=0).max()

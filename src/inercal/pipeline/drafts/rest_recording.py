@@ -18,7 +18,7 @@ from inercal.basics.errors import InputError
 from inercal.benches.stated_axes import axis_letters
 from inercal.physics.section_settings import key_error, si_value
 from inercal.physics.sensors.axis import Readout
-from inercal.pipeline.drafts.clock_keys import clock_keys
+from inercal.pipeline.drafts.clock_keys import RATE_QUESTION, clock_keys
 from inercal.pipeline.drafts.column_names import is_other_quantity
 from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
 from inercal.pipeline.drafts.column_values import without_unusable
@@ -347,8 +347,11 @@ def _columns(
     keys = {one.key: one.value for one in clock}
     counted = keys.get("time_unit") == "sample" or "time" not in keys
     if counted and "data.rate" not in stated:
+        asked = next((one.ask for one in clock if one.key == "rate"), "")
         raise InputError(
-            'the sampling rate is unknown: state it with --set "data.rate=100 Hz"', key="data.rate"
+            'the sampling rate is unknown: state it with --set "data.rate=100 Hz"'
+            + asked.removeprefix(RATE_QUESTION),
+            key="data.rate",
         ).located(log)
     policy = values.get("data.nonfinite", "refuse")
     if policy not in get_args(NonfinitePolicy):

@@ -19,8 +19,8 @@ from inercal.recordings.data import DataSection, ReadbackColumn, RunBase
 from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.read import Columns, detect_reader, read_recording
 from inercal.recordings.io.section_files import read_sections
+from inercal.recordings.io.time_stamps import SAME_RATE
 
-SAME_RATE = 0.2  # relative; stated rates are nominal
 READBACK = "readback"  # key in `DataSection.further_files` for the file with the bench's readback
 
 

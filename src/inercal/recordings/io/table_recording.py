@@ -15,6 +15,7 @@ from inercal.recordings.io.audit import NonfinitePolicy
 from inercal.recordings.io.column_table import ReadRequest, Table
 from inercal.recordings.io.time_stamps import (
     is_iso_time,
+    require_counter,
     require_unit,
     times_from_counter,
     times_from_iso,
@@ -265,6 +266,8 @@ def sample_times(table: Table, columns: Columns, n: int) -> SampleTimes:
     counter = table.stamps(name)
     if columns.modulus is None and columns.time_keys[1] is not None:
         require_no_wrap(table, name)
+    if columns.rate_hz is not None:
+        require_counter(counter, name, columns.rate_hz, table.source, columns.time_keys[0])
     if columns.rate_hz is not None and columns.modulus is not None:
         with error_location(table.source, file=table.source):
             return SampleTimes(times_from_counter(counter, columns.modulus, columns.rate_hz))

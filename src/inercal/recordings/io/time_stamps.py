@@ -26,6 +26,7 @@ from inercal.recordings.io.column_table import Array, Table, shorten
 from inercal.recordings.io.wrapped_numbers import Stamps, unwrap_stamps
 
 SLOWEST_HZ, FASTEST_HZ = 1.0, 50e3  # of recordings; at other rates the unit is wrong
+SAME_RATE = 0.2  # relative; stated rates are nominal
 _UNSTATED_HZ = 5.0  # if no unit is stated: 1 to 5 kHz in ms would be taken for 1 to 5 Hz
 _ROUNDING = 1e-6  # of a rate, for stamps with few digits
 _UNITS = ("s", "ms", "us", "ns")  # units that loggers write
@@ -157,6 +158,46 @@ def require_unit(
         f"{source}: column {column!r} in {in_force} gives {hz:.3g} samples per second, outside "
         f"{slowest:g} Hz to {FASTEST_HZ / 1e3:g} kHz: {advice}"
     )
+
+
+def require_counter(stamps: Stamps, column: str, rate_hz: float, source: str, key: str) -> None:
+    """Refuse times that were stated to be a sample counter.
+
+    A column is refused if its steps are not 1, and are about the stated rate in a unit of time.
+
+    Parameters
+    ----------
+    stamps : (n,) array
+        Values of the column.
+    column, source : str
+        Names of the column and of its file, for the message.
+    rate_hz : float
+        Stated rate of the counter, Hz.
+    key : str
+        Run-file key for the unit of the stamps, for the message.
+
+    Raises
+    ------
+    InputError
+        The message names the unit.
+    """
+    rate = _rate(stamps)
+    if rate is None or rate == 1:
+        return
+    for unit in _UNITS:
+        if abs(rate / si_factor(unit, like="s") / rate_hz - 1) < SAME_RATE:
+            steps = np.diff(stamps)
+            mean = float(np.mean(steps[np.abs(steps * rate - 1) < 0.5]))
+            hz = 1 / (mean * si_factor(unit, like="s"))
+            raise InputError(
+                f"{source}: column {column!r} advances by about {float(f'{mean:.3g}'):.12g} per "
+                f"row, so it does not count samples; in {unit} it gives {hz:.4g} Hz: state {key} = "
+                f'"{unit}" and remove rate, or, if only some of the counted samples are stored, '
+                "remove the column and state the rate of the rows",
+                file=source,
+                key=key,
+                names=(column,),
+            )
 
 
 def _rate(stamps: Stamps) -> float | None:
