@@ -82,6 +82,7 @@ def _fitted(
     sensor, bench = run.sensor, inputs.bench or run.bench
     expected = bench.nuisances(inputs.steps, sensor)
     observations, findings = inputs.observations, (*run.findings, *inputs.findings)
+    findings += calibration_record.temperature_findings(run, inputs)
     zero_rates = check_zero_rates(observations, sensor, inputs.steps, run.priors, run.data.gyro)
     findings += zero_rates
     reported = any(one.what == "repeated" for one in inputs.findings)

@@ -411,10 +411,11 @@ def _require_temperatures(run: Run, observations: Observations) -> None:
         )
     span = float(np.ptp(kelvin))
     if span < LEAST_SPAN:
+        shown = np.floor(100 * span) / 100  # never rounded up to the limit
         low, high = float(kelvin.min()) - ZERO_CELSIUS, float(kelvin.max()) - ZERO_CELSIUS
         raise key_error(
             "[data] temperature",
-            f"the temperatures are {low:.2f} to {high:.2f} °C, a span of {span:.2g} K; "
+            f"the temperatures are {low:.2f} to {high:.2f} °C, a span of {shown:.2f} K; "
             f"temperature coefficients need {LEAST_SPAN:g} K or more",
         )
 
