@@ -210,14 +210,15 @@ def check_repeated_rows(observations: Observations, sensor: Sensor) -> tuple[Fin
         chance *= min(1.0, step / (2 * np.sqrt(np.pi) * own + _LEAST))
     _, first, counts = np.unique(mean, axis=0, return_inverse=True, return_counts=True)
     alike = (np.flatnonzero(first.ravel() == k).tolist() for k in np.flatnonzero(counts > 1))
+    labels = ([observations.labels[k] for k in copies] for copies in alike)
     return tuple(
         Finding(
             "warning",
             "copies",
-            f"{' and '.join(observations.labels[k] for k in copies)} have exactly the same "
-            "readings; remove the copy",
+            f"{len(copies)} rows have exactly the same readings: {' and '.join(copies)}; remove "
+            f"the copy, {' and '.join(copies[1:])}",
         )
-        for copies in alike
+        for copies in labels
         if chance < _BY_CHANCE
     )
 
