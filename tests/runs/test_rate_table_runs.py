@@ -163,6 +163,18 @@ def test_rows_are_named_by_the_rates_of_the_table(tmp_path: Path, unit: str, siz
     assert {word for _, word in words} == {"rpm" if unit == "2 rpm" else unit}
 
 
+def test_means_that_end_at_one_value_are_called_clipped(tmp_path: Path):
+    def clipped(rows: Rows) -> Rows:
+        return [[*row[:2], *(str(min(float(x), 31_000.0)) for x in row[2:5]), *row[5:]]
+                for row in rows]  # fmt: skip
+
+    verdict = calibrate(write_changed_example(tmp_path, rows=clipped)).verdict
+    assert verdict.grade == "unreliable"
+    assert "saturation" in verdict.warned
+    assert "31000" in verdict.lines[1]
+    assert "saturation" not in calibrate(write_changed_example(tmp_path)).verdict.warned
+
+
 def test_an_unexcited_axis_is_named(tmp_path: Path):
     def without_y(rows: Rows) -> Rows:
         return [row for row in level(rows) if row[0] != "YX"]

@@ -31,7 +31,7 @@ from inercal.pipeline.outcome import FittedRun, Outcome
 from inercal.pipeline.stated_noise import stated_noise_findings
 from inercal.recordings import Finding, merge_findings
 from inercal.recordings.data import EstimatorInput
-from inercal.recordings.io.mean_tables import check_repeated_rows
+from inercal.recordings.io.mean_tables import check_repeated_rows, clipped_means
 from inercal.recordings.io.rest_norm import check_zero_rates
 from inercal.recordings.io.row_checks import copied_sections
 from inercal.runfile import Run
@@ -131,6 +131,8 @@ def _fitted(
         require_possible_rows(run.path, observations, sensor, bench, inputs.steps)
     remarks = run.method.remarks(fit)
     findings += remarks.findings
+    if inputs.recording is None and observations.track is None and not np.all(estimate.consistent):
+        findings += clipped_means(observations, sensor)
     findings += stated_noise_findings(
         estimate,
         observations,
