@@ -160,6 +160,17 @@ def test_the_reason_of_a_failure_names_the_whole_path_and_the_column(tmp_path: P
     assert one["reason"].startswith("day/1/S000.npz: az (column z)")
 
 
+def test_a_reason_that_sensors_share_names_their_recordings(tmp_path: Path):
+    folder = make_line(tmp_path, 1)
+    missing = ["north/S001.npz", "south/S002.npz"]
+    write_table(folder, [("S000", "recordings/S000.npz"), *((Path(m).stem, m) for m in missing)])
+    printed = run_program("fleet", "calibrate", folder).output
+    (one,) = json.loads(run_program("fleet", "status", folder, "--json").output)["reasons"]
+    assert one["sensors"] == ["S001", "S002"]
+    for text in (printed, one["reason"]):
+        assert all(name in text for name in missing)
+
+
 def test_a_cut_label_is_a_reservation_and_reasons_beyond_ten_have_a_place(tmp_path: Path):
     folder = make_line(tmp_path, 1)
     columns, _ = readings(0)

@@ -68,6 +68,21 @@ def test_a_dotted_column_replaces_a_key_where_it_is_not_empty(tmp_path: Path):
     assert second["sensor"]["accelerometer"]["unit"] == "m/s²"
 
 
+def test_a_cell_that_is_a_list_gives_the_key_a_list(tmp_path: Path):
+    columns = ("AccX", "AccY", "AccZ")
+    cell = '"[""AccX"", ""AccY"", ""AccZ""]"'
+    table = f"id,recording,data.accelerometer,job.notes\na,1,{cell},[as found\n"
+    (tmp_path / "AccX").touch()
+    line = read_line(write_line(tmp_path, TEMPLATE, table))
+    sections = line.sections(line.rows[0])
+    assert sections["data"]["accelerometer"] == list(columns)
+    assert sections["job"]["notes"] == "[as found"
+    assert line.run(line.rows[0]).data.accelerometer == columns
+    before = line.digest(line.rows[0])
+    (tmp_path / "AccX").write_text("changed", encoding="utf-8")  # as a file that a list may name
+    assert line.digest(line.rows[0]) != before
+
+
 def test_a_parquet_table_is_that_of_csv(tmp_path: Path):
     pa = pytest.importorskip("pyarrow")
     import pyarrow.parquet as pq

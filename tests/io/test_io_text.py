@@ -125,3 +125,14 @@ def test_real_files_are_read_whole(data_dir: Path):
     xsens = read_table(data_dir / "xsens_mti_multiposition" / "xsens_acc.mat")
     assert xsens.numbers("2").shape == (51175,)
     assert xsens.numbers("1")[0] == 2.984e-2
+
+
+@pytest.mark.parametrize("cut", ["-", "1,5e-"])
+def test_a_file_cut_within_its_last_number_may_be_truncated(tmp_path: Path, cut: str):
+    rows = [f"{k},0;1,5;-0,25" for k in range(8)]
+    path = tmp_path / "log.csv"
+    for line, text in ((10, [*rows, f"8,0;1,5;{cut}"]), (9, [*rows[1:], f"8,0;1,5;{cut}", *rows])):
+        path.write_text("\n".join(["t;x;y", *text]), encoding="utf-8")
+        with refused(line=line, names=("y",)) as refusal:
+            read_table(path, ["t", "x", "y"])
+        assert ("truncated" in str(refusal.value)) == (line == 10)

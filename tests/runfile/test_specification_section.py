@@ -200,7 +200,12 @@ def test_a_negative_limit_is_not_called_an_uncertainty(tmp_path: Path, limit: st
 
 
 @pytest.mark.parametrize(
-    ("stated_rule", "named"), [("factor = -1.0", "-1"), ('rule = "simple"\nfactor = 1.5', "simple")]
+    ("stated_rule", "named"),
+    [
+        ("factor = -1.0", "-1"),
+        ('rule = "simple"\nfactor = 1.5', "simple"),
+        ('rule = "simple"\nfactor = 1.0', "simple"),  # the default, but stated
+    ],
 )
 def test_an_impossible_decision_rule_is_refused_with_its_reason(
     tmp_path: Path, stated_rule: str, named: str

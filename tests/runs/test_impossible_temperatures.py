@@ -1,5 +1,6 @@
 """Temperatures that are not possible: of data in memory, of a simulation, of a noise analysis."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +12,20 @@ from tests.runs.test_environment_runs import RAMP, written
 import inercal
 from inercal.basics.errors import InputError
 from inercal.pipeline.drafts.rest_recording import read_rest_recording
+from inercal.pipeline.temperature_fit import LEAST_SPAN
 from inercal.recordings.data import DataSection
+from inercal.recordings.temperature import TEMPERATURE_UNIT
 from inercal.runfile import read
 
 
-def means(*celsius: float, **keys: Any) -> inercal.Outcome:
+def means(*celsius: float, order: Any = None, **keys: Any) -> inercal.Outcome:
     """Calibrate six positions of means at these temperatures."""
     face = np.concatenate([np.eye(3), -np.eye(3)]) + 1e-4
     table = {"p": ["x_p", "y_p", "z_p", "x_a", "y_a", "z_a"], "temp": list(celsius)}
     table |= {f"a{axis}": face[:, k] for k, axis in enumerate("xyz")}
     return inercal.calibrate(
         table,
-        method="six_position",
+        method={"name": "six_position", **(order or {})},
         sensor={"accelerometer": {"unit": "g"}},
         bench={"gravity": "9.80665 m/s² ± 0.001 m/s²", "tilt": "0.1 °"},
         kind="means",
@@ -125,3 +128,33 @@ def test_a_deviation_of_means_in_a_wrong_unit_names_both_possible_units():
             sd={"accelerometer": "0.3 °/h"},
         )
     assert all(unit in str(error.value) for unit in ("m/s²", "LSB"))
+
+
+@pytest.mark.parametrize(
+    ("readings", "unit", "room", "doubted"),
+    [
+        (73.4, None, "23.0 °C ± 0.5 °C", True),  # °F
+        (73.4, "°C", "23.0 °C ± 0.5 °C", False),  # a heated sensor, as stated
+        (296.2, None, "23.0 °C", True),  # K
+        (31.0, None, "23.0 °C", False),
+        (45.0, None, "23.0 °C", False),  # a heated sensor: 45 °F is colder than the room
+        (-20.0, None, "23.0 °C", False),  # a chamber
+        (73.4, None, "not measured", False),
+        (73.4, None, None, False),
+    ],
+)
+def test_temperatures_that_fit_the_room_only_in_another_unit_are_doubted(
+    readings: float, unit: str | None, room: str | None, doubted: bool
+):
+    keys = {"temperature_unit": unit} if unit else {}
+    job = {"job": {"ambient_temperature": room}} if room else {}
+    outcome = means(*[readings] * 6, **keys, **job)
+    assert doubted == any(one.what == TEMPERATURE_UNIT for one in outcome.findings)
+
+
+def test_a_span_just_below_the_limit_is_not_printed_as_the_limit():
+    with pytest.raises(InputError) as error:
+        means(*[20.0] * 5, 29.997, order={"temperature_order": "auto"})
+    span = re.search(r"span of ([\d.]+) K", str(error.value))
+    assert span is not None
+    assert float(span[1]) < LEAST_SPAN

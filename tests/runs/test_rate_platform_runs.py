@@ -68,6 +68,7 @@ def test_a_row_that_was_pasted_twice_is_named(folder: Path):
     table.write_text("".join((*lines[:3], *lines[2:])), encoding="utf-8")
     verdict = calibrate(folder / "gyros.toml").verdict
     assert (verdict.grade, verdict.warned) == ("reservations", ("copies",))
+    assert not any("…" in line for line in verdict.lines)
 
 
 def test_rows_of_few_digits_may_be_equal(folder: Path):

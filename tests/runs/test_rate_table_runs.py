@@ -14,6 +14,7 @@ from inercal.physics.sensors import G0
 from inercal.physics.sensors.affine import to_affine
 from inercal.pipeline import Outcome, calibrate
 from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run, rows_of_table
+from inercal.pipeline.run_calibration import observed
 from inercal.report import write_report
 from inercal.runfile import read
 
@@ -160,6 +161,34 @@ def test_rates_in_rad_per_s_are_found_by_the_norm(tmp_path: Path):
     run_refused(
         write_changed_example(tmp_path, rows=in_rad), key="[data] arm_rate_unit", names=["rad/s"]
     )
+
+
+@pytest.mark.parametrize(("unit", "size"), [("°/s", 1 / 6), ("rad/s", 30 / np.pi), ("2 rpm", 2.0)])
+def test_rows_are_named_by_the_rates_of_the_table(tmp_path: Path, unit: str, size: float):
+    shown: list[float] = []
+
+    def in_unit(rows: Rows) -> Rows:
+        shown.extend(float(row[1]) / (1.0 if unit == "2 rpm" else size) for row in rows)
+        return [[row[0], f"{float(row[1]) / size:.9g}", *row[2:]] for row in rows]
+
+    stated = ('arm_rate = "rpm"', f'arm_rate = "rpm"\narm_rate_unit = "{unit}"')
+    path = write_changed_example(tmp_path, stated, rows=in_unit)
+    labels = observed(read(path)).inputs.observations.labels
+    words = [label.split(" at ")[1].split()[:2] for label in labels]
+    assert [float(rate) for rate, _ in words] == pytest.approx(shown, rel=1e-5)
+    assert {word for _, word in words} == {"rpm" if unit == "2 rpm" else unit}
+
+
+def test_means_that_end_at_one_value_are_called_clipped(tmp_path: Path):
+    def clipped(rows: Rows) -> Rows:
+        return [[*row[:2], *(str(min(float(x), 31_000.0)) for x in row[2:5]), *row[5:]]
+                for row in rows]  # fmt: skip
+
+    verdict = calibrate(write_changed_example(tmp_path, rows=clipped)).verdict
+    assert verdict.grade == "unreliable"
+    assert "saturation" in verdict.warned
+    assert "31000" in verdict.lines[1]
+    assert "saturation" not in calibrate(write_changed_example(tmp_path)).verdict.warned
 
 
 def test_an_unexcited_axis_is_named(tmp_path: Path):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.refusals import refused
-from tests.store.calibration_generator import DRIFTING, G0, ten
+from tests.store.calibration_generator import DRIFTING, G0, content, ten, write
 
 from inercal.basics.errors import InputError
 from inercal.laboratory.store import Register, SensorHistory
@@ -16,6 +16,7 @@ from inercal.laboratory.store.history_text import (
     history_lines,
     interval_text,
     limit_text,
+    newest_change_text,
     newest_run_to_run,
     recalibration_lines,
 )
@@ -111,6 +112,24 @@ def test_a_drift_is_named_although_its_newest_step_is_within_the_scatter(
         assert set(ordinary.within) & set(one.verdicts["drifts"]) == names
         named = [line for line in history_lines(one) if line.endswith("show a drift")]
         assert [line.partition(":")[0] for line in named] == sorted(names)
+
+
+def test_a_jump_since_the_previous_calibration_is_said_and_chance_is_not(tmp_path: Path):
+    steady = replace(DRIFTING, drift={})
+    shocked = replace(steady, start={**steady.start, "az.k1": 1e-3})  # 50 u of a difference
+    said: dict[tuple[str, int], str] = {}
+    for name, last in (("steady", steady), ("shocked", shocked)):
+        rng = np.random.default_rng(5)
+        with Register(str(tmp_path / f"{name}.db")) as register:
+            for k in range(8):
+                truth = last if k == 7 else steady
+                made = content(truth, k / 2, rng)
+                register.enter_calibration(write(tmp_path / f"{name}{k}.json", made))
+                said[name, k] = newest_change_text(register.history(steady.sensor))
+    assert [at for at, text in said.items() if text] == [("shocked", 7)]
+    named = said["shocked", 7].partition(": ")
+    assert "#7" in named[0]
+    assert named[2].startswith("az.k1 by ")
 
 
 def test_two_calibrations_of_one_sensor_alone_predict_nothing(tmp_path: Path):

@@ -8,6 +8,7 @@ import shutil
 import tomllib
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -214,3 +215,32 @@ def test_advice_on_the_bench_is_stated_in_the_unit_of_its_key(
     assert found, change.value
     deviation = parse_quantity(found[1], "m/s²" if error == "g" else "rad").value
     assert deviation == pytest.approx(size, rel=0.7)
+
+
+def test_coefficients_that_the_positions_hardly_separate_are_not_advised_together():
+    """At multiples of 45°, an odd quadratic and a cubic have almost the same effect."""
+    rng = np.random.default_rng(4)
+    around = [(roll, 0) for roll in range(0, 360, 45)]
+    tilted = [(roll, pitch) for roll in (0, 90, 180, 270) for pitch in (45, -45)]
+    few = [(0, 90), (0, -90), (45, 30), (135, -30), (225, 30), (45, -60), (225, 60)]
+    roll, pitch = np.radians(np.array([*around, *tilted, *few])).T
+    up = [-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)]
+    f = np.array(up).T + 20e-6 * rng.standard_normal((len(roll), 3))
+    table = {"roll": np.degrees(roll), "pitch": np.degrees(pitch)}
+    table |= dict(zip(("ax", "ay", "az"), f.T, strict=True))
+    keys: dict[str, Any] = {
+        "sensor": {"accelerometer": {"unit": "g"}},
+        "bench": {"kind": "rate_platform", "gravity": "9.80665 m/s² ± 0.05 mm/s²",
+                  "attitude": "0.01 °", "mounting": "0.05 °"},
+        "kind": "means", "roll": "roll", "pitch": "pitch",
+        "accelerometer": ["ax", "ay", "az"], "sd": {"accelerometer": "20 µg"},
+    }  # fmt: skip
+    method = {"name": "rates_and_poses", "also": ["k2"]}
+    verdict = inercal.calibrate(table, method=method, **keys).verdict
+    (advised,) = [words for one in verdict.advice if (words := one.coefficients)]
+    assert "k3" in advised
+    assert not {"k3", "koq"} <= set(advised)
+    both = inercal.calibrate(table, method={**method, "also": ["k2", "k3", "koq"]}, **keys)
+    alone = inercal.calibrate(table, method={**method, "also": ["k2", "k3"]}, **keys)
+    u = [dict(zip(one.estimate.names, one.estimate.std, strict=True)) for one in (both, alone)]
+    assert u[0]["ay.k3"] > 5 * u[1]["ay.k3"]

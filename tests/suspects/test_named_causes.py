@@ -16,9 +16,10 @@ from tests.accuracy.handheld import Session, record
 from tests.base_seeds import evidence
 from tests.evidence import temperature_ramps
 from tests.evidence.violation_cells import base_cells, calibrate_device, find_case
-from tests.methods.test_centrifuge_norm import BENCH, NOISE, TRUTH
+from tests.methods.test_centrifuge_norm import BENCH, TRUTH
+from tests.methods.test_centrifuge_norm import NOISE as ACCELEROMETER_NOISE
 from tests.methods.test_centrifuge_norm import table as centrifuge_table
-from tests.suspects.rate_platform_runs import arguments, table
+from tests.suspects.rate_platform_runs import LATITUDE, NOISE, arguments, table
 
 import inercal
 from inercal.basics.units import Measured, parse_quantity
@@ -96,6 +97,18 @@ def test_biases_that_differ_between_settings_are_named_turn_on():
 def test_a_wrong_latitude_is_named_and_not_a_sensitivity_to_acceleration():
     names = [platform(seed, latitude=60.0).verdict.suspect for seed in range(2)]
     assert [one and one.name for one in names] == ["latitude"] * 2
+
+
+def test_the_next_step_on_a_wrong_latitude_is_about_it_although_a_row_is_wrong_too():
+    def wrong_row(y: Array, w: Array, setting: Settings) -> None:
+        y[5, 0] += 20 * NOISE
+
+    verdict = platform(2, latitude=-LATITUDE, change=wrong_row).verdict
+    assert verdict.suspect is None  # because it explains only a part
+    assert verdict.best is not None
+    assert verdict.best.name == "latitude"
+    (step,) = [line for line in verdict.lines if line.startswith("Next: ")]
+    assert "latitude" in step
 
 
 @pytest.mark.parametrize("change", [clipped, one_rate_off, stepped, hysteresis])
@@ -386,7 +399,7 @@ def on_an_arm(
     level = 1 - ups(full_circle()[::2], RATES) ** 2
     f = f - rates[:, None] ** 2 * np.array(arms) * level / PAPER_G
     seen, sensor, spins = centrifuge_table(
-        TRUTH.output(f) + 0.02 * NOISE * rng.standard_normal(f.shape), rates
+        TRUTH.output(f) + 0.02 * ACCELEROMETER_NOISE * rng.standard_normal(f.shape), rates
     )
     seen = replace(seen, covariance=0.02**2 * seen.covariance)
     bench = replace(

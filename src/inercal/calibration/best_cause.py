@@ -391,6 +391,10 @@ def also(words: str | Sequence[str]) -> Change:
     return Change("method", "also", words if isinstance(words, str) else tuple(words))
 
 
+STATED_WITH_A_SIGN = ("latitude", "autocollimator scale")
+"""Bench parameters about which `action_on` says to check their sign."""
+
+
 def action_on(cause: SuspectedCause, row_word: str) -> str:
     """Describe what to do at the bench about a cause that no run-file key can include."""
     if cause.kind == "coefficient":

@@ -7,7 +7,13 @@ from typing import NamedTuple
 from inercal.basics.keys import ErrorName
 from inercal.basics.run_file_advice import Advice
 from inercal.calibration import explanation
-from inercal.calibration.best_cause import CHANGE_PREFIX, Advisor, changes_text, is_estimable
+from inercal.calibration.best_cause import (
+    CHANGE_PREFIX,
+    STATED_WITH_A_SIGN,
+    Advisor,
+    changes_text,
+    is_estimable,
+)
 from inercal.calibration.detectability import UndetectableCause
 from inercal.calibration.explanation import fit, sentence
 from inercal.calibration.grade import Assessment
@@ -84,6 +90,8 @@ def steps_on_cause(
             suspect = best  # it hides all other causes
         elif explains and is_estimable(best, possible) and advisor.on_cause(best).changes:
             suspect = best
+        elif explains and best.name in STATED_WITH_A_SIGN:
+            suspect = best  # its sign may be wrong in the run file, whatever else is wrong
     rejecting = [one.name for one in assessment.rejecting_tests]
     slow = ()
     if any(name.startswith(COMMON_DRIFT) for name in rejecting):

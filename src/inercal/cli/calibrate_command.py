@@ -116,10 +116,14 @@ def run(
             save(outcome.calibration, part["calibration_file"])
             for what, columns in tables.items():
                 write_means(part[what], columns)
-        history = None
+        history, changed = None, ""
         if opened is not None:
-            opened.enter_calibration(outcome.calibration)
+            number = opened.enter_calibration(outcome.calibration)
             history = opened.history(plan.sensor.name)
+            if history.entries[-1].id == number:
+                from inercal.laboratory.store.history_text import newest_change_text
+
+                changed = newest_change_text(history)
         # The calibration file is written first, so that an error in the page does not lose it.
         missing = None
         if with_report:
@@ -143,6 +147,7 @@ def run(
     else:
         console.print_coefficients(outcome, plan.truth)
         console.print_verdict(outcome.verdict, explain=explain)
+        console.print_lines([changed] * bool(changed))
         console.print_written_files(files.values())
     if missing is not None:
         console.report_line(f"no report: {missing}")

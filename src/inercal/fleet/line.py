@@ -26,7 +26,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from inercal.basics.errors import InputError
-from inercal.basics.small_files import check_columns, csv_lines, is_file, read_toml, texts_of
+from inercal.basics.small_files import (
+    check_columns,
+    csv_lines,
+    is_file,
+    parse_toml,
+    read_toml,
+    texts_of,
+)
 from inercal.recordings.io.column_table import file_sha256
 from inercal.recordings.io.isolation import Isolation, read_isolated
 
@@ -125,7 +132,12 @@ class Line:
         used = [f"{name}={row.columns[name]}" for name in self._kept if row.columns.get(name)]
         # The recording itself has its own hash.
         place = row.recording if RECORDING in self.placeholders else ""
-        texts = self._filled(row) + [text for name, text in row.columns.items() if "." in name]
+        texts = self._filled(row) + [
+            one
+            for name, text in row.columns.items()
+            if "." in name
+            for one in texts_of(_cell_value(text))
+        ]
         named = file_digests(self.folder, texts, leave_out=row.recording)
         hashed.update("\0".join((row.id, place, *used, *named)).encode())
         return hashed.hexdigest()
@@ -376,4 +388,18 @@ def _override(sections: dict[str, Any], dotted: str, text: str) -> None:
                 names=(dotted,),
             )
         section = cast(dict[str, Any], inner)
-    section[key] = text
+    section[key] = _cell_value(text)
+
+
+def _cell_value(text: str) -> str | list[Any]:
+    """Return the value of a cell for a key: a list, if the cell is one in TOML, or else its text.
+
+    >>> _cell_value('["AccX", "AccY"]'), _cell_value("[bench]")
+    (['AccX', 'AccY'], '[bench]')
+    """
+    if not text.lstrip().startswith("["):
+        return text
+    try:
+        return cast(list[Any], parse_toml(f"list = {text.strip()}", "cell")["list"])
+    except InputError:
+        return text

@@ -22,6 +22,7 @@ from inercal.recordings.io.file_patterns import is_pattern
 
 _NAMES = 1000  # largest number of sensors listed for a reason
 _LINES = 10  # largest number of printed lines of a kind
+_RECORDING = "\0"  # stands for the recording in a reason that sensors share
 _NAMED, _SOME = 6, 3  # largest number of names in a line, and how many of more names are listed
 _LEAST_ALIKE = 5  # smallest number of sensors whose U is compared
 _BY_CHANCE = 0.05  # largest probability that sensors chosen at random share a value
@@ -203,8 +204,14 @@ def table_status(line: Line, table: results.Table) -> LineStatus:
             names.append(row["id"])
     counts["without a result yet"] = len(line.rows) - len(rows)
     outdated = {row["id"]: row[OUTDATED] for row in rows if row[OUTDATED]}
+    recordings = {row["id"]: row["recording"] for row in rows}
     ranked = [
-        (exact[names[0]] if len(names) == 1 else reason, names)
+        (
+            exact[names[0]]
+            if len(names) == 1
+            else reason.replace(_RECORDING, _some([recordings[name] for name in names])),
+            names,
+        )
         for reason, names in sorted(reasons.items(), key=lambda item: -len(item[1]))
     ]
     same = same_recordings(line, rows)
@@ -297,5 +304,5 @@ def shared_with(groups: Iterable[Sequence[str]]) -> dict[str, str]:
 
 def _common_reason(row: Mapping[str, Any]) -> str:
     """Return the reason without the sensor's name, which allows equal reasons to be combined."""
-    text = str(row["error"]).replace(row["recording"], "…")
+    text = str(row["error"]).replace(row["recording"], _RECORDING)
     return text.replace(row["id"], "…")

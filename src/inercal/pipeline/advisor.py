@@ -39,6 +39,7 @@ from inercal.runfile import Run, from_sections
 
 _ENOUGH = 0.9  # least fraction of the expected decrease of χ²
 _SAME = 1.0  # values of χ² with a smaller difference count as equal
+_CONFUSED = 5.0  # times the standard deviation with no other coefficient added
 _SMALL = 1e-6  # an uncertainty that every key accepts, SI
 _WRONG_LATITUDE = radians(30)
 _HARMONIC = re.compile(r"(?:sin|cos)(\d+)")
@@ -188,7 +189,21 @@ class RunAdvisor:
             estimate = run.solver()(observations, sensor, bench, inputs.plan, run.priors)
         except InercalError as error:
             return error.names
-        return None if np.all(estimate.converged) else ()
+        if not np.all(estimate.converged):
+            return ()
+        return self._confused(estimate, names) or None
+
+    def _confused(self, estimate: Estimate, words: Sequence[str]) -> tuple[str, ...]:
+        """Return the added coefficients that the data hardly tell from the other added ones."""
+        added = set(select_coefficients(self._run.sensor.axes, words))
+        alone = {
+            name: sd
+            for score in self._estimate.score_tests.scores
+            for name, sd in zip(score.components, score.sd.tolist(), strict=False)
+            if score.kind == "coefficient" and name in added
+        }
+        std = dict(zip(estimate.names, estimate.std.tolist(), strict=False))
+        return tuple(name for name, sd in alone.items() if std.get(name, 0.0) > _CONFUSED * sd)
 
     def _chi2_after(self, changes: tuple[Change, ...]) -> float | None:
         """Return χ² of the changed run; None if the run is refused."""

@@ -33,10 +33,12 @@ from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.pipeline.drafts.column_names import axes_of_names
 from inercal.pipeline.stated_values import qualified_errors
+from inercal.recordings import Finding
 from inercal.recordings.data import EstimatorInput
 from inercal.recordings.data.recording_loader import gyro_file, unsigned_column
 from inercal.recordings.io.column_table import file_sha256
 from inercal.recordings.io.simulation_mark import read_simulation_mark
+from inercal.recordings.temperature import TEMPERATURE_UNIT, ambient_findings
 from inercal.runfile import Run
 
 _LEAST_KNOWN = 0.1  # the data must reduce the stated variance by this fraction
@@ -235,6 +237,20 @@ def _temperatures(inputs: EstimatorInput) -> Iterator[Array]:
     else:
         for mark in marks:
             yield recording.temperature[..., mark.start : mark.stop]
+
+
+def temperature_findings(run: Run, inputs: EstimatorInput) -> tuple[Finding, ...]:
+    """Return a warning if the temperatures seem to be in another unit than the run file says.
+
+    A run that states [environment] has a sensor that is not at the temperature of the room.
+    """
+    found, ambient = _finite_range(_temperatures(inputs)), run.job.get("ambient temperature")
+    if found is None or not ambient or run.environment is not None:
+        return ()
+    if any(one.what == TEMPERATURE_UNIT for one in inputs.findings):
+        return ()
+    stated = "temperature_unit" in run.sections.get("data", {})
+    return ambient_findings(found, ambient, run.data.temperature_unit, stated=stated)
 
 
 def shared_errors(

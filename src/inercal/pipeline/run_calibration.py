@@ -35,7 +35,7 @@ from inercal.pipeline.outcome import FittedRun, Outcome
 from inercal.pipeline.stated_noise import stated_noise_findings
 from inercal.recordings import Finding, merge_findings
 from inercal.recordings.data import EstimatorInput
-from inercal.recordings.io.mean_tables import check_repeated_rows
+from inercal.recordings.io.mean_tables import check_repeated_rows, clipped_means
 from inercal.recordings.io.rest_norm import check_zero_rates
 from inercal.recordings.io.row_checks import copied_sections
 from inercal.runfile import Run
@@ -88,6 +88,7 @@ def _fitted(
     sensor, bench = run.sensor, inputs.bench or run.bench
     expected = bench.nuisances(inputs.steps, sensor)
     observations, findings = inputs.observations, (*run.findings, *inputs.findings)
+    findings += calibration_record.temperature_findings(run, inputs)
     zero_rates = check_zero_rates(observations, sensor, inputs.steps, run.priors, run.data.gyro)
     findings += zero_rates
     reported = any(one.what == "repeated" for one in inputs.findings)
@@ -142,6 +143,8 @@ def _fitted(
             findings += (Finding("warning", "rows", text, cause=cause),)
     remarks = run.method.remarks(fit)
     findings += remarks.findings
+    if inputs.recording is None and observations.track is None and not np.all(estimate.consistent):
+        findings += clipped_means(observations, sensor)
     findings += stated_noise_findings(
         estimate,
         observations,

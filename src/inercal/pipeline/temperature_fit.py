@@ -422,10 +422,11 @@ def _require_temperatures(run: Run, observations: Observations, least: float) ->
         )
     span = float(np.ptp(kelvin))
     if span < least:
+        shown = np.floor(100 * span) / 100  # never rounded up to the limit
         low, high = float(kelvin.min()) - ZERO_CELSIUS, float(kelvin.max()) - ZERO_CELSIUS
         raise key_error(
             "[data] temperature",
-            f"the temperatures are {low:.2f} to {high:.2f} °C, a span of {span:.2g} K; "
+            f"the temperatures are {low:.2f} to {high:.2f} °C, a span of {shown:.2f} K; "
             f"temperature coefficients need {least:g} K or more, or a prior of each of them",
         )
 

@@ -9,6 +9,7 @@ A temperature sensor with the lag τ reads R when the sensing element is at T = 
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -205,6 +206,50 @@ def impossible_text(kelvin: float, remedy: str = ALLOW) -> str:
     if kelvin < 0:
         return f"{celsius}, below absolute zero"
     return f"{celsius}, outside −100 to 300 °C ({remedy} accepts it)"
+
+
+TEMPERATURE_UNIT = "temperature unit"
+"""`Finding.what` for temperatures that seem to be in another unit."""
+_SELF_HEATING = -3.0, 15.0  # K; of a sensor without a heater, above the stated room
+
+
+def ambient_findings(
+    kelvin: tuple[float, float], ambient: str, unit: str, *, stated: bool
+) -> tuple[Finding, ...]:
+    """Return a warning if temperatures would fit the room in another unit; none if in doubt.
+
+    Nothing is said about a sensor that is at several temperatures, or that may be heated.
+
+    Parameters
+    ----------
+    kelvin : (float, float)
+        Lowest and highest temperature of the data, K.
+    ambient : str
+        Stated temperature of the room, such as "22.3 °C ± 0.5 °C"; other texts are ignored.
+    unit : str
+        Unit of the temperature column.
+    stated : bool
+        Whether the run file states this unit.
+    """
+    room = np.nan
+    with suppress(InputError):
+        room = parse_quantity(ambient, "°C").value
+    low, high = np.array(kelvin) - room
+    if stated or unit in COUNTS or not high - low < _SELF_HEATING[1]:
+        return ()
+    if min(abs(low), abs(high)) <= _SELF_HEATING[1]:
+        return ()
+    values = temperature_readout(unit).values(np.array(kelvin))
+    for other in (one for one in ("°F", "K", "°C") if one != unit):
+        above = temperature_readout(other).kelvin(values) - room
+        if _SELF_HEATING[0] <= above.min() and above.max() <= _SELF_HEATING[1]:
+            text = (
+                f"the sensor is at {values.mean():.0f} {unit} in a room at "
+                f"{room - ZERO_CELSIUS:.0f} °C, as if its column were in {other}; state "
+                f'temperature_unit in [data]: "{other}", or "{unit}" if it was so'
+            )
+            return (Finding("warning", TEMPERATURE_UNIT, text),)
+    return ()
 
 
 _LEAST_REACH = 4.0  # s; the longest that does not bias a lag of 20 s

@@ -52,10 +52,12 @@ def stated_specification(
         return None
     # Imported here because it loads SciPy, which a run file without limits does not need.
     from inercal.calibration.specification import Specification
-    from inercal.estimation.uncertainty.conformity import DecisionRule
+    from inercal.estimation.uncertainty.conformity import NO_GUARD_BAND, DecisionRule
 
     if not section.limits:
         raise key_error(_KEY, 'the section is empty; state a limit, such as bias = "± 20 mg"')
+    if section.rule == "simple" and "factor" in section.model_fields_set:
+        raise key_error("[specification] factor", NO_GUARD_BAND)
     try:
         rule = DecisionRule(section.rule, section.factor)
     except InputError as error:

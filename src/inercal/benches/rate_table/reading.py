@@ -219,8 +219,13 @@ def _table(run: RunBase[RateTableData]) -> EstimatorInput:
         _parse_mounting(text, where, f"{path} {table.place(k)}", path, table.line(k))
         for k, text in enumerate(mountings)
     ]
-    rpm = (rates * 30 / pi).tolist()
-    names = [f"{pose.name} at {turning:.6g} rpm" for pose, turning in zip(poses, rpm, strict=True)]
+    # A unit with a size, such as "0.5 rev/s", would not be understood beside a rate.
+    sized = re.match(r"[-+.\d]", run.data.arm_rate_unit) is not None
+    shown, size = ("rpm", pi / 30) if sized else (run.data.arm_rate_unit, abs(unit))
+    names = [
+        f"{pose.name} at {turning:.6g} {shown}"
+        for pose, turning in zip(poses, (rates / size).tolist(), strict=True)
+    ]
     labels = tuple(recording_loader.number_repeated_names(names))
     observations = observations_from_table(
         path, table, labels, wanted, run.sensor, recording_loader.stated_deviations(run)

@@ -38,6 +38,7 @@ RuleName = Literal["guarded", "simple"]
 _POINTS = 1 << 12  # lattice points for the joint probability, whose error is about 1e-4
 _PRIMES = 512  # there are 97 primes below this number, more than a sensor has coefficients
 _JITTER = 1e-10  # added to the diagonal of a singular correlation matrix
+NO_GUARD_BAND = "rule 'simple' has no guard band; remove factor, or choose 'guarded'"
 
 
 @dataclass(frozen=True)
@@ -65,9 +66,7 @@ class DecisionRule:
                 f"factor {self.factor:g} is not possible; give a number above 0", key="factor"
             )
         if self.name == "simple" and self.factor != 1.0:
-            raise InputError(
-                "rule 'simple' has no guard band; remove factor, or choose 'guarded'", key="factor"
-            )
+            raise InputError(NO_GUARD_BAND, key="factor")
 
     def guard(self, std: Array, dof: float | Array = inf) -> Array:
         """Return the guard bands w for standard uncertainties, in the same unit and shape."""

@@ -21,12 +21,14 @@ from inercal.calibration.comparison.run_to_run import (
     format_en,
 )
 from inercal.calibration.suspect_text import p_value_text
+from inercal.estimation.scores import SIGNIFICANCE_LEVEL
 from inercal.estimation.uncertainty import COVERAGE
 from inercal.laboratory.store.history import CoefficientTrend, SensorHistory
 from inercal.laboratory.store.noise_history import NoiseTrend
 from inercal.laboratory.store.recalibration import CoefficientInterval, Recalibration
 from inercal.noise.texts import coefficient_cells
 
+_NAMED = 3  # largest number of changed coefficients that a line names
 LEAST = 3
 """Least number of other calibrations that the scatter of a coefficient is estimated from."""
 
@@ -63,6 +65,26 @@ def newest_run_to_run(history: SensorHistory) -> RunToRun | None:
     if scatter is None:
         return None
     return against_scatter(build_comparison(*history.calibrations[-2:]), scatter)
+
+
+def newest_change_text(history: SensorHistory) -> str:
+    """Say which coefficients changed most since the previous calibration; "" if it may be chance.
+
+    If there are enough other calibrations, their scatter is not a change.
+    """
+    ordinary, joint = newest_run_to_run(history), history.newest_joint_test
+    joint = joint if ordinary is None else ordinary.joint
+    found = {one.name: float(one.normalised_errors[-1]) for one in history.trends}
+    names = found if ordinary is None else ordinary.beyond
+    changed = sorted((one for one in names if abs(found[one]) > 1), key=lambda n: -abs(found[n]))
+    if joint is None or joint.p_value >= SIGNIFICANCE_LEVEL or not changed:
+        return ""
+    before, more = history.entries[-2], len(changed) - _NAMED
+    named = ", ".join(f"{one} by {abs(found[one]):.3g} E_n" for one in changed[:_NAMED])
+    return (
+        f"changed since calibration #{before.id} of {before.measured.partition('T')[0]}: {named}"
+        f"{f' and {more} more' if more > 0 else ''}; see inercal store history"
+    )
 
 
 def _scatter(trend: CoefficientTrend, kept: Collection[int]) -> tuple[float, float] | None:

@@ -9,7 +9,7 @@ from the table. The user states one value for all rows, or adds columns with the
 import csv
 import os
 from collections.abc import Callable, Mapping, Sequence
-from math import isnan
+from math import comb, isnan
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,7 @@ _OF_NOISE = 0.01  # share of a mean's variance, below which rounding to the last
 _ONE_DIGIT = 0.1  # of the largest mean: whole numbers such as 1 and 0 g are not what was read
 _ROWS = 4  # in tables with fewer rows, means may agree to the last digit
 _BY_CHANCE = 1e-3  # expected number of equal pairs, below which equal rows are copies
+_NEAR = 3.0  # standard deviations; readings so far apart may have the same expectation
 _DIGITS, _LEAST = 12, 1e-300  # digits that survive the conversion to SI, and a mean that is not 0
 SD_SUFFIX = "_sd"  # suffix of the column with a column's standard deviation
 
@@ -210,16 +211,46 @@ def check_repeated_rows(observations: Observations, sensor: Sensor) -> tuple[Fin
         chance *= min(1.0, step / (2 * np.sqrt(np.pi) * own + _LEAST))
     _, first, counts = np.unique(mean, axis=0, return_inverse=True, return_counts=True)
     alike = (np.flatnonzero(first.ravel() == k).tolist() for k in np.flatnonzero(counts > 1))
+    labels = ([observations.labels[k] for k in copies] for copies in alike)
     return tuple(
         Finding(
             "warning",
             "copies",
-            f"{' and '.join(observations.labels[k] for k in copies)} have exactly the same "
-            "readings; remove the copy",
+            f"{len(copies)} rows have exactly the same readings: {' and '.join(copies)}; remove "
+            f"the copy, {' and '.join(copies[1:])}",
         )
-        for copies in alike
+        for copies in labels
         if chance < _BY_CHANCE
     )
+
+
+def clipped_means(observations: Observations, sensor: Sensor) -> tuple[Finding, ...]:
+    """Return a warning if the largest reading, of one channel or of a kind, is that of many rows.
+
+    Call this only if the rows do not fit, because the largest of many equal rows may be right.
+    """
+    kinds = np.array([axis.measures for axis in sensor.axes])
+    scale = np.array([axis.readout.scale for axis in sensor.axes])
+    offset = np.array([axis.readout.offset for axis in sensor.axes])
+    output = observations.mean * scale + offset
+    sd = np.sqrt(np.diagonal(observations.covariance, axis1=-2, axis2=-1)).mean(axis=0) * abs(scale)
+    groups = [np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds.tolist())]
+    found: dict[float, Finding] = {}
+    for group in (*groups, *np.arange(len(kinds))[:, np.newaxis]):
+        read: Array = output[..., group]
+        written = np.round(read, _DIGITS - int(np.ceil(np.log10(np.abs(read).max() + _LEAST))))
+        ends = (float(written.max()), float(written.min()))
+        count, peak = max((int(np.sum(written == end)), end) for end in ends)
+        own = float(sd[group].mean())
+        near = int(np.sum(np.abs(written - peak) <= _NEAR * own))
+        equal = min(1.0, last_digit(written) / (2 * np.sqrt(np.pi) * own + _LEAST))
+        if count >= _ROWS and comb(near, count) * equal ** (count - 1) < _BY_CHANCE:
+            names = ", ".join(sensor.channels[k] for k in group.tolist())
+            where = f"{count} of {written.size} readings of {names} are {peak:.6g}"
+            text = f"{where} and are clipped; remove these rows"
+            cause = f"{where} and are clipped"
+            found.setdefault(peak, Finding("warning", "saturation", text, cause=cause))
+    return tuple(found.values())
 
 
 def _rounding_of_digits(output: Array, deviation: Array, sensor: Sensor) -> ReadingSteps:

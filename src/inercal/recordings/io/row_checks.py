@@ -163,16 +163,19 @@ def copied_sections(recording: Recording, marks: Sequence[Mark]) -> tuple[Findin
         The sections. A section whose readings are all constant is not judged.
     """
     seen: dict[tuple[int, bytes, bytes], Mark] = {}
-    copies: list[str] = []
+    copies: list[tuple[str, str]] = []
     for mark in marks:
         data = recording.data[..., mark.start : mark.stop, :]
         ends = (data[..., 0, :].tobytes(), data[..., -1, :].tobytes())
         first = seen.setdefault((mark.stop - mark.start, *ends), mark)
         same = recording.data[..., first.start : first.stop, :]
         if first is not mark and np.array_equal(same, data) and np.ptp(data, axis=-2).any():
-            copies.append(f"{first.label} and {mark.label}")
+            copies.append((first.label, mark.label))
     if not copies:
         return ()
     more = f" (and {format_count(len(copies) - 1, 'more pair')})" if len(copies) > 1 else ""
-    text = f"{copies[0]}{more} have exactly the same samples; remove the copy"
+    one, copy = copies[0]
+    text = (
+        f"2 sections have exactly the same samples: {one} and {copy}{more}; remove the copy, {copy}"
+    )
     return (Finding("warning", "copies", text),)

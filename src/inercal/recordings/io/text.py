@@ -249,13 +249,10 @@ def _check_cells(
             if not layout.content(line):
                 continue
             cells = layout.cells(line)
+            cut = "the file may be truncated: remove the line or record again"
             if len(cells) != expected:
                 truncated = number == last_line and len(cells) < expected
-                advice = (
-                    "the file may be truncated: remove the line or record again"
-                    if truncated
-                    else "repair or remove the line"
-                )
+                advice = cut if truncated else "repair or remove the line"
                 raise InputError(
                     f"{path.name} line {number}: {column_count_text(len(cells))} where "
                     f"{layout.name_source} has {expected}; {advice}",
@@ -265,10 +262,11 @@ def _check_cells(
                 if not cells[k]:
                     empty = True
                 elif not layout.is_number(cells[k]):
+                    last = number == last_line and k == expected - 1
+                    advice = cut if last else "correct the cell or remove the line"
                     raise InputError(
                         f"{path.name} line {number}, column {shorten(layout.names[k])!r}: "
-                        f"{shorten(cells[k])!r} is not a number; correct the cell or remove the "
-                        "line",
+                        f"{shorten(cells[k])!r} is not a number; {advice}",
                         line=number,
                         names=(layout.names[k],),
                     )
