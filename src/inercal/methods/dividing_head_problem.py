@@ -191,7 +191,7 @@ def _step_candidates(sensor: Sensor, steps: Indexings) -> list[Candidate]:
         columns: list[candidates.Column] = []
         for c, channel in enumerate(sensor.channels):
             rows = np.zeros((len(steps), len(sensor.channels)))
-            rows[k:, c] = 1.0
+            rows[:, c] = (np.arange(len(steps)) >= k) - (1 - k / len(steps))  # k0 is the mean bias
             name = f"{BIAS_STEP} of {channel} {place}"
             columns.append(candidates.Column(name, "m/s²", rows.ravel()))
         found.append((f"{BIAS_STEP} of all accelerometers {place}", columns))
