@@ -63,6 +63,16 @@ def test_arrays_that_form_no_table_are_refused(
         read_table(path)
 
 
+def test_a_matrix_without_names_is_read_in_the_way_that_its_refusal_states(tmp_path: Path):
+    matrix = np.stack([T, X], -1)
+    np.savez(tmp_path / "run.npz", matrix)
+    with refused(file=tmp_path / "run.npz", names=("arr_0",)) as refusal:
+        read_table(tmp_path / "run.npz")
+    assert "numpy.save" in str(refusal.value)
+    np.save(tmp_path / "run.npy", matrix)
+    assert read_table(tmp_path / "run.npy").columns["2"].tolist() == X.tolist()
+
+
 @pytest.mark.parametrize("suffix", [".npz", ".parquet"])
 @pytest.mark.parametrize("damage", ["cut", "overwritten", "empty"])
 def test_a_damaged_archive_is_refused_in_one_line(tmp_path: Path, suffix: str, damage: str):

@@ -1,6 +1,7 @@
 """The audit: what it refuses, warns of, notes and accepts."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -171,6 +172,14 @@ def test_jitter_is_noted_with_its_size():
     finding = only(audit(recording(time=time)))
     assert finding.what == "jitter"
     assert "0.000138 s rms" in finding.message
+
+
+def test_jitter_of_rounded_stamps_names_the_mean_rate():
+    time = np.floor(np.arange(5000) * 1000 / 104.4) / 1000
+    finding = only(audit(dataclasses.replace(recording(5000), time=time)))
+    assert finding.what == "jitter"
+    (rate,) = re.findall(r"mean rate is ([\d.]+) Hz", finding.message)
+    assert float(rate) == pytest.approx(104.4, rel=1e-4)
 
 
 def test_saturation_is_a_warning_with_its_samples():

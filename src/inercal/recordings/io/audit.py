@@ -333,7 +333,10 @@ def jitter_findings(recording: Recording) -> list[Finding]:
     rounding = float(np.spacing(max(abs(time.min()), abs(time.max()))))
     if rms <= 2 * rounding:
         return []
-    text = f"time steps vary by {rms:.3g} s rms about {recording.median_step:.6g} s"
+    text = (
+        f"time steps vary by {rms:.3g} s rms about {recording.median_step:.6g} s; the mean rate is "
+        f"{recording.mean_rate_hz:.6g} Hz"
+    )
     return [Finding("note", "jitter", text)]
 
 

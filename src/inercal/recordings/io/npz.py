@@ -141,7 +141,10 @@ def _array(archive: Any, name: str, source: str) -> NDArray[Any]:
 def _column(array: NDArray[Any], name: str, as_text: bool, source: str) -> NDArray[Any]:
     """Return a column: numbers unchanged, text as str."""
     if array.ndim != 1:
-        text = f"has the shape {array.shape}; save columns as (n,)"
+        text = (
+            f"has the shape {array.shape}; save each column as an array (n,) with its name, or "
+            "this array alone with numpy.save"
+        )
         raise column_table.column_error(source, name, text, "array")
     if as_text and array.dtype.kind in "iub":
         return array.astype(np.str_)

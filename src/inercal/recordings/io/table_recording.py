@@ -266,12 +266,11 @@ def sample_times(table: Table, columns: Columns, n: int) -> SampleTimes:
     counter = table.stamps(name)
     if columns.modulus is None and columns.time_keys[1] is not None:
         require_no_wrap(table, name)
-    if columns.rate_hz is not None:
-        require_counter(counter, name, columns.rate_hz, table.source, columns.time_keys[0])
     if columns.rate_hz is not None and columns.modulus is not None:
         with error_location(table.source, file=table.source):
             return SampleTimes(times_from_counter(counter, columns.modulus, columns.rate_hz))
     if columns.rate_hz is not None:
+        require_counter(counter, name, columns.rate_hz, table.source, columns.time_keys[0])
         rate = Fraction(columns.rate_hz)
         origin = None if columns.origin is None else columns.origin * rate
         count, start = times_from_origin(counter, 1.0, origin)
