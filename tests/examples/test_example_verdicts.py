@@ -18,7 +18,8 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 # Examples that a host, an instrument or another file must precede: other tests run these.
 _OTHERS = {
     "bench/plan", "check_standard/job", "fleet/run", "logs/poses", "measure/head",
-    "measure/plate", "own_bench/tilt", "rate_table/ship_bench", "live/imu", "turntable/soaks",
+    "measure/plate", "one_axis_arm/arm", "own_bench/tilt", "rate_table/ship_bench", "live/imu",
+    "turntable/soaks",
 }  # fmt: skip
 # These take seconds, most for their simulation.
 _SLOW = {

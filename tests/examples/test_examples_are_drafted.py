@@ -127,9 +127,9 @@ OTHERS = [
     "bench/path.csv", "turntable/path.csv", "dividing_head/polygon.csv", "fleet/sensors.csv",
     "predict/points.csv", "live/lines.csv", "measure/voltages.txt", "export/results-imucam.txt",
     "qualify/counts.csv", "qualify/gravimeter.csv", "qualify/head.csv", "qualify/polygon.csv",
-    "qualify/radius.csv",
+    "qualify/radius.csv", "one_axis_arm/arm.csv",
 ]  # fmt: skip
-"""Files that are no recordings of an IMU and no tables of its readings."""
+"""Files that are no recordings of an IMU and no tables of its readings on a bench of inercal."""
 
 # Cases that take long, and those of a method and a form of data that a fast case has too.
 _SLOW = {

@@ -234,6 +234,11 @@ def draft_run_file(
         for trial in found.trials:
             by_reason.setdefault(trial.reason, []).append(trial.called)
         reasons = "; ".join(f"{', '.join(names)}: {why}" for why, names in by_reason.items())
+        if "gyro" in roles.triads and _is_heated(read.table, roles):
+            reasons += (
+                "; if the sensor rested while its temperature changed, data.accelerometer = [] "
+                "drafts temperature_ramp for the gyros"
+            )
         raise InputError(
             f"{logs[0]}: no method fits these data: {reasons}", file=logs[0], names=("method",)
         )
@@ -347,6 +352,14 @@ def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, s
             raise InputError(f"--set {key}: {reason}", key=key, names=(key,))
 
 
+def _is_heated(table: Table, roles: ColumnRoles) -> bool:
+    """Return whether the temperature of a log changes much."""
+    thermometer = roles.single.get("temperature")
+    read = np.zeros(1) if thermometer is None else table.numbers(thermometer)
+    read = read[np.isfinite(read)]
+    return read.size > 0 and float(np.ptp(np.quantile(read, (0.1, 0.9)))) > _HEATED
+
+
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
     """Return the methods that may fit, and refuse columns that suit no method."""
     if "table_rate" in roles.single or roles.rates or rests_in_ramp(roles):
@@ -356,11 +369,7 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
     require_no_cluster(log, table, roles)
-    thermometer = roles.single.get("temperature")
-    read = np.zeros(1) if thermometer is None else table.numbers(thermometer)
-    read = read[np.isfinite(read)]
-    heated = read.size > 0 and float(np.ptp(np.quantile(read, (0.1, 0.9)))) > _HEATED
-    candidates = candidate_methods(roles, heated=heated)
+    candidates = candidate_methods(roles, heated=_is_heated(table, roles))
     if not candidates:
         count = format_count(len(roles.triads["accelerometer"]), "accelerometer column")
         raise InputError(
