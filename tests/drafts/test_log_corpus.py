@@ -72,9 +72,14 @@ REFUSED: dict[str, tuple[Form, Motion, str, tuple[str, ...]]] = {
         (),
     ),
     "gravity was removed, without names": (Form(("t|t", "l|{x}")), Motion(), "", ("t", "x")),
-    "only gyros": (Form(("t|t", "w|g{x}")), Motion(), "", ("t", "gx")),
+    "only gyros": (Form(("t|t", "w|g{x}")), Motion(), "data.accelerometer", ("t", "gx")),
     "only a magnetometer": (Form(("t|t", "m|mag_{x}")), Motion(), "", ("t", "mag_x")),
-    "two accelerometers": (Form(("t|t", "a.xy|a{x}", "w|g{x}")), Motion(), "", ("t", "ax")),
+    "two accelerometers": (
+        Form(("t|t", "a.xy|a{x}", "w|g{x}")),
+        Motion(),
+        "data.accelerometer",
+        ("t", "ax"),
+    ),
     "three rests": (Form(("t|t", *AW)), Motion(rests=3), "", ("method",)),
 }
 

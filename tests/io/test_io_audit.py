@@ -365,6 +365,6 @@ def test_a_section_that_is_present_twice_is_named_once():
     made.data[200:300] = made.data[600:700]
     made.data[300:400] = made.data[700:800]
     (found,) = copied_sections(made, marks)
-    assert found.message.startswith("2 and 6 (and 1 more pair) have exactly the same samples")
+    assert "2 and 6 (and 1 more pair)" in found.message
     made.data[:] = 1.0
     assert copied_sections(made, marks) == ()

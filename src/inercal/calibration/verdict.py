@@ -78,6 +78,7 @@ from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_selection import GROUP_WORDS, axis_words, coefficient_words
 from inercal.recordings import Finding, merge_messages
+from inercal.recordings.samples import STANDARD_GRAVITY
 
 _DRIFT_PREFIX = "drift of "  # followed by the axis
 _NO_REACTION = 3.0  # standard uncertainties of a scale factor that cannot be told from 0
@@ -89,7 +90,9 @@ ALL_SCALES = "the stated field, or the unit or scale of all three magnetometers,
 _NO_CAUSE = (
     "No single cause explains this: the noise is larger than stated, or several things are wrong."
 )
-_TOLD_NOTES = ("gap", "sections", "repeated", "order", "implausible", "angles", "gravity")
+_TOLD_NOTES = (
+    "gap", "sections", "repeated", "order", "implausible", "angles", "gravity", STANDARD_GRAVITY,
+)  # fmt: skip
 _NONLINEAR = 0.9  # remaining χ² of a fit, divided by that of the linear step, if it was far off
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute, or a row to χ²
 
@@ -344,14 +347,20 @@ def _first_line(word: str, why: str) -> str:
 
 
 def _warning_line(findings: Sequence[Finding], told: Collection[str]) -> str:
-    """Return a line with the refusals and warnings that the other lines do not tell; or ""."""
+    """Return a line with the refusals and warnings that the other lines do not tell; or "".
+
+    Without any, the line is a note that gravity is stated as standard gravity.
+    """
     hidden = [
         reason
         for severity in ("refused", "warning")
         for reason in finding_reasons(findings, severity)
         if not any(reason in line for line in told)
     ]
-    return fit_list("Warning: ", hidden, "; ") if hidden else ""
+    if hidden:
+        return fit_list("Warning: ", hidden, "; ")
+    doubted = [one for one in findings if one.what == STANDARD_GRAVITY]
+    return fit(f"Note: {next(finding_reasons(doubted, 'note'))}.") if doubted else ""
 
 
 def _alternatives_line(others: Sequence[str]) -> str:

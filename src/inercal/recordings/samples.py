@@ -18,6 +18,7 @@ from inercal.recordings.io.column_table import LineBreaks, line_of_row
 
 Severity = Literal["note", "warning", "refused"]
 TIME_UNIT = "time unit"  # `Finding.what` for a unit of time that nobody stated
+STANDARD_GRAVITY = "standard gravity"  # for standard gravity stated as local gravity
 INVALID_SAMPLES = ("saturation", "stuck")
 """Kinds of findings about samples that do not contain what the sensor measured."""
 _APART = 5  # up to this many messages with the same cause are listed separately

@@ -30,6 +30,7 @@ from inercal.physics.section_settings import (
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Finding
 from inercal.recordings.io.file_patterns import is_pattern
+from inercal.recordings.samples import STANDARD_GRAVITY
 from inercal.recordings.temperature import COUNTS
 from inercal.runfile.job import JobSection
 from inercal.runfile.schema import (
@@ -130,7 +131,7 @@ def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
 
     Return a note if gravity is computed without a height. Return a warning if the difference
     exceeds an anomaly of 100 mGal plus three standard uncertainties. If no height is stated, any
-    height from 0 to 3000 m is considered possible. A warning also says if gravity is stated as
+    height from 0 to 3000 m is considered possible. Another note says if gravity is stated as
     exactly standard gravity, as only a laboratory high above the sea measures it at this latitude.
 
     Parameters
@@ -167,7 +168,7 @@ def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
             f"and {G0} m/s² at a height of about {rise:.0f} m; state the local gravity, or "
             "[bench] height if this is the height"
         )
-        return (Finding("warning", "gravity", text),)
+        return (Finding("note", STANDARD_GRAVITY, text),)
     if lowest - margin <= stated.value <= normal + margin:
         difference = f"{1e5 * (stated.value - normal):+.0f} mGal"
         off = f"; the difference is {difference}" if height is not None else ""

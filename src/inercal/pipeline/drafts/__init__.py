@@ -365,7 +365,7 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
     if "table_rate" in roles.single or roles.rates or rests_in_ramp(roles):
         return candidate_methods(roles)
     if roles.triads.get("accelerometer") == ():
-        raise without_accelerometers(log, roles)
+        raise without_accelerometers(log, table, roles)
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
     require_no_cluster(log, table, roles)

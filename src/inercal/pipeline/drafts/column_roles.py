@@ -297,16 +297,23 @@ class UnknownAccelerometers(InputError):
     columns: tuple[str, ...] = ()
 
 
-def without_accelerometers(log: Path, roles: ColumnRoles) -> InputError:
-    """Return the error for a recording of gyros alone, with the two forms that are drafted."""
+def without_accelerometers(
+    log: Path, table: Table, roles: ColumnRoles, others: Sequence[str] = ()
+) -> InputError:
+    """Return the error for a recording of gyros without a triad, with the forms that are drafted.
+
+    `others` are columns that are too few for a triad.
+    """
     gyros = ", ".join(map(shorten, roles.triads.get("gyro", ()))) or "none"
+    few = f"; other columns, too few for a triad: {', '.join(others)}" if others else ""
     return InputError(
-        f"no accelerometers are known (gyros: {gyros}); for gyros alone on a rate table, init "
-        "needs a file for each section, with names such as log_x_+50.csv and log_x_rest.csv, or a "
-        "table of means with an axis, a rate and the gyros; or write the run file by hand, as the "
-        "page “Calibrate gyros by constant rates, and accelerometers by poses” of the "
+        f"no three accelerometers are known (gyros: {gyros}{few}); for gyros alone on a rate "
+        "table, init needs a file for each section, with names such as log_x_+50.csv and "
+        "log_x_rest.csv, or a table of means with an axis, a rate and the gyros; or write the run "
+        "file by hand, as the page “Calibrate gyros by constant rates, and accelerometers by poses” of the "
         "documentation shows",
         key="data.accelerometer",
+        names=table.names[:_MOST_LISTED],
     ).located(log)
 
 
@@ -325,7 +332,7 @@ def unknown_accelerometers(log: Path, table: Table, roles: ColumnRoles) -> Unkno
     used = {*roles.single.values(), *(c for triad in roles.triads.values() for c in triad)}
     free = [name for name in numbers if name not in used]
     if "gyro" in roles.triads and len(free) < len("xyz"):
-        raise without_accelerometers(log, roles)
+        raise without_accelerometers(log, table, roles, free)
     example = free if len(free) >= 3 else list(numbers)
     threes = [example[k : k + 3] for k in range(len(example) - 2)]
     likely = next((three for three in threes if has_axes(three)), example[:3])
