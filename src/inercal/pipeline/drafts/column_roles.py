@@ -310,8 +310,8 @@ def without_accelerometers(
         f"no three accelerometers are known (gyros: {gyros}{few}); for gyros alone on a rate "
         "table, init needs a file for each section, with names such as log_x_+50.csv and "
         "log_x_rest.csv, or a table of means with an axis, a rate and the gyros; or write the run "
-        "file by hand, as the page “Calibrate gyros by constant rates, and accelerometers by poses” of the "
-        "documentation shows",
+        "file by hand, as the page “Calibrate gyros by constant rates, and accelerometers by "
+        "poses” of the documentation shows",
         key="data.accelerometer",
         names=table.names[:_MOST_LISTED],
     ).located(log)
