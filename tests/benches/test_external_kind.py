@@ -209,8 +209,8 @@ def test_gyros_on_a_bench_of_ones_own_are_compared_with_its_rates():
             y,
             np.zeros((12, 3, 3)),
             ones,
-            ones,
             np.ones(12, dtype=np.int64),
+            ones,
             sensor.channels,
             np.inf,
         )

@@ -147,7 +147,7 @@ Change = Callable[[Array, Array], object]
 
 def back_and_forth(folder: Path, change: Change) -> Path:
     """Write a run of two passes, whose angles (°) and readings (V) a function changes."""
-    angle = np.concatenate([TURN, TURN[::-1]])
+    angle = np.concatenate([TURN, TURN[::-1]]).astype(np.float64)
     reading = 1.3 * np.sin(np.radians(angle)) + 1e-6 * np.random.default_rng(3).normal(size=24)
     change(angle, reading)
     names = [f"f{k:02d}" for k in range(12)] + [f"r{k:02d}" for k in range(12)]
