@@ -123,7 +123,7 @@ def test_a_plan_at_three_temperatures_finds_the_true_temperature_coefficients(
     squared = float(off @ np.linalg.solve(found.covariance, off))
     assert chi2.ppf(0.001, off.size) < squared < chi2.ppf(0.999, off.size)
     assert found.verdict is not None
-    assert found.verdict.grade == "consistent"
+    assert found.verdict.grade == "consistent", found.verdict.lines
     for name in ("ax.k0_dT", "ay.k1_dT", "gx.bias_dT", "gz.scale_dT"):
         k = found.sensor.coefficients.index(name)
         assert abs(found.values[k]) > 10 * np.sqrt(found.covariance[k, k]), name

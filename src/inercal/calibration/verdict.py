@@ -245,8 +245,8 @@ def verdict(
         if cause
         else named or _NO_CAUSE * no_cause(estimate, assessment),
         others,
-        warned,
         step,
+        warned,
         # The table of coefficients shows U, too, if there is no line left for it.
         "" if warned and (added or others) else _uncertainty_line(largest),
         _count_line(len(undetectable)),

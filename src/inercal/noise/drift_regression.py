@@ -19,8 +19,8 @@ from inercal.noise.numerics import dct2, pseudo_inverse
 from inercal.noise.selection import CANDIDATES, Selection, select_terms
 from inercal.noise.spectrum import Bins, Spectrum, expected_periodogram
 
-DRIFT_RATIO = 10.83  # required drop of the AIC to include a ramp (0.1 %)
-_MEASURED_RATIO = 6.63  # the same for a measured cause, the temperature (1 %)
+DRIFT_RATIO = 10.83  # required drop of 2 L to include a ramp (0.1 %)
+_MEASURED_RATIO = 6.63  # required drop of the AIC for a measured cause, the temperature (1 %)
 _WARM_UPS = (1.0, 3.0, 8.0)  # length of the recording, in time constants
 _ROUNDS = 4
 
@@ -218,11 +218,10 @@ def find_drift(
     selection: Selection,
     candidates: tuple[str, ...] = CANDIDATES,
 ) -> DriftFit | None:
-    """Return the drift in the data; None if no term reduces Akaike's criterion enough.
+    """Return the drift in the data; None if no term improves the fit enough.
 
-    A ramp looks like a random walk and must reduce it by 10.83; the temperature is a measured cause
-    and must reduce it by 6.63. The criterion, not the likelihood, is compared because a drift often
-    makes the random walk unnecessary.
+    A ramp looks like a random walk and must reduce 2 L by 10.83. The temperature is a measured
+    cause and must reduce Akaike's criterion by 6.63, because it often makes the walk unnecessary.
 
     Parameters
     ----------
@@ -233,18 +232,24 @@ def find_drift(
     """
     found: DriftFit | None = None
     taken: dict[str, Array] = {}
-    least = _criterion(selection, selection.fit.loss)
+    least, loss = _criterion(selection, selection.fit.loss), selection.fit.loss
     while len(taken) < len(low.regressors):
         trials = {
             name: fit_drift(low, spectra, {**taken, name: values}, bins, candidates)
             for name, values in low.regressors.items()
             if name not in taken
         }
-        gains = {name: least - _criterion(one.selection, one.loss) for name, one in trials.items()}
+        gains = {
+            name: 2 * (loss - one.loss)
+            if name == "ramp"
+            else least - _criterion(one.selection, one.loss)
+            for name, one in trials.items()
+        }
         name = max(gains, key=gains.__getitem__)
         if gains[name] < (DRIFT_RATIO if name == "ramp" else _MEASURED_RATIO):
             break
-        found, least = trials[name], least - gains[name]
+        found, loss = trials[name], trials[name].loss
+        least = _criterion(found.selection, loss)
         taken[name] = low.regressors[name]
     return found
 

@@ -74,7 +74,10 @@ def clock_keys(
     if hertz is not None and known is None:
         tried = ((one, hertz * step * si_factor(one)) for one in (unit, *_TIME_UNITS))
         units = [one for one, ratio in tried if abs(ratio - 1) < SAME_RATE]
-        if not units and "data.time" not in stated and np.all(stamps == np.rint(stamps)):
+        mean = float(np.ptp(stamps)) / max(stamps.size - 1, 1)
+        in_bursts = abs(hertz * mean * si_factor(unit) - 1) < SAME_RATE
+        counts = in_bursts or np.all(stamps == np.rint(stamps))
+        if not units and "data.time" not in stated and counts:
             return by_rate, (rate_key,)  # the column counts something else, such as ticks
         unit = next(iter(units), unit)
     mean = mean_step(stamps)

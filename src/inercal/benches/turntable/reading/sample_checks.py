@@ -220,9 +220,10 @@ def repeated_readback_finding(track: Track) -> Finding | None:
     clear = np.zeros(same.size, np.bool_)
     clear[_SPAN:-_SPAN] = (ahead[: -_SPAN - 1] & ahead[_SPAN + 1 :]).any(axis=-1)
     few = (same & clear).sum() < _FEWEST_REPEATED
-    if few and float(same[turning].sum() / turning.sum()) < _REPEATED:
+    mostly = float(same[turning].sum() / turning.sum()) >= _REPEATED
+    if few and not mostly:
         return None
-    turning = turning if few else clear
+    turning = turning if mostly else clear
     step = float(np.median(np.diff(track.time)))
     rate = 1 / (step * turning.sum() / max((~same[turning]).sum(), 1))
     text = (
