@@ -33,7 +33,7 @@ _JUMP = radians(10)  # a jump of the readback exceeds both neighbours by this
 _WHOLE_TURNS = {"°": 360.0, "rad": 2 * pi, "″": 1_296_000.0}
 _RESTART = 0.99  # part of a whole turn that the angle jumps where it starts again
 _REPEATED = 0.6  # fraction of the steps while the table turns
-_FEWEST_REPEATED, _SPAN, _CLEAR = 10, 5, 3.0  # steps; steps on each side; times the resolution
+_FEWEST_REPEATED = 10  # intervals between readings
 _DUST = 1e-9  # rad: smaller changes are rounding errors
 _BEND = 0.01  # times the largest second difference within `_AROUND`: smaller ones are straight
 _AROUND, _LONGEST_INTERVAL = 0.5, 3.0  # s
@@ -212,18 +212,9 @@ def repeated_readback_finding(track: Track) -> Finding | None:
     turning = (_largest_axis_rate(track) > _TURNING)[1:]
     if turning.sum() < 1 / _REPEATED:
         return None
-    turned = np.abs(np.diff(track.angles, axis=0))
-    same = np.asarray(~turned.any(axis=-1), dtype=np.bool_)
-    # Single repeated rows count if an axis turns by more than its resolution before and after them.
-    resolution = np.min(turned, axis=0, initial=np.inf, where=turned > _DUST)
-    ahead = np.abs(track.angles[_SPAN:] - track.angles[:-_SPAN]) > _CLEAR * _SPAN * resolution
-    clear = np.zeros(same.size, np.bool_)
-    clear[_SPAN:-_SPAN] = (ahead[: -_SPAN - 1] & ahead[_SPAN + 1 :]).any(axis=-1)
-    few = (same & clear).sum() < _FEWEST_REPEATED
-    mostly = float(same[turning].sum() / turning.sum()) >= _REPEATED
-    if few and not mostly:
+    same = np.asarray(~np.diff(track.angles, axis=0).any(axis=-1), dtype=np.bool_)
+    if float(same[turning].sum() / turning.sum()) < _REPEATED:
         return None
-    turning = turning if mostly else clear
     step = float(np.median(np.diff(track.time)))
     rate = 1 / (step * turning.sum() / max((~same[turning]).sum(), 1))
     text = (
