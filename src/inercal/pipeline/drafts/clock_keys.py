@@ -22,6 +22,7 @@ from inercal.recordings.io.row_checks import shared_stamps_text
 from inercal.recordings.io.time_stamps import (
     SAME_RATE,
     is_iso_time,
+    mean_rate,
     times_from_iso,
     times_from_origin,
 )
@@ -74,8 +75,7 @@ def clock_keys(
     if hertz is not None and known is None:
         tried = ((one, hertz * step * si_factor(one)) for one in (unit, *_TIME_UNITS))
         units = [one for one, ratio in tried if abs(ratio - 1) < SAME_RATE]
-        mean = float(np.ptp(stamps)) / max(stamps.size - 1, 1)
-        in_bursts = abs(hertz * mean * si_factor(unit) - 1) < SAME_RATE
+        in_bursts = abs(hertz * si_factor(unit) / mean_rate(stamps) - 1) < SAME_RATE
         counts = in_bursts or np.all(stamps == np.rint(stamps))
         if not units and "data.time" not in stated and counts:
             return by_rate, (rate_key,)  # the column counts something else, such as ticks

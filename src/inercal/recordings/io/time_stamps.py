@@ -139,7 +139,7 @@ def require_unit(
     slowest = _UNSTATED_HZ if unit is None and named is None else SLOWEST_HZ
     if slowest * (1 - _ROUNDING) <= hz <= FASTEST_HZ * (1 + _ROUNDING):
         return
-    if hz > FASTEST_HZ and _mean_rate(stamps) / si_factor(in_force, like="s") < FASTEST_HZ:
+    if hz > FASTEST_HZ and mean_rate(stamps) / si_factor(in_force, like="s") < FASTEST_HZ:
         return  # these are bursts, which the audit reports
     others = [
         (other, rate / si_factor(other, like="s"))
@@ -163,7 +163,8 @@ def require_unit(
 def require_counter(stamps: Stamps, column: str, rate_hz: float, source: str, key: str) -> None:
     """Refuse times that were stated to be a sample counter.
 
-    A column is refused if its steps are not 1, and are about the stated rate in a unit of time.
+    A column is refused if its steps are not 1 but, read in a unit of time, give about the stated
+    rate.
 
     Parameters
     ----------
@@ -207,8 +208,8 @@ def _rate(stamps: Stamps) -> float | None:
     return 1 / float(np.median(steps, overwrite_input=True)) if steps.size else None
 
 
-def _mean_rate(stamps: Stamps) -> float:
-    """Return the samples per unit of the stamps, from the first and the last stamp."""
+def mean_rate(stamps: Stamps) -> float:
+    """Return the samples per unit of the stamps, (n,), from the first and the last stamp."""
     finite = stamps[np.isfinite(stamps)]
     return (finite.size - 1) / float(np.ptp(finite))
 

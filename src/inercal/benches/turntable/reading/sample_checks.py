@@ -33,7 +33,7 @@ _JUMP = radians(10)  # a jump of the readback exceeds both neighbours by this
 _WHOLE_TURNS = {"°": 360.0, "rad": 2 * pi, "″": 1_296_000.0}
 _RESTART = 0.99  # part of a whole turn that the angle jumps where it starts again
 _REPEATED = 0.6  # fraction of the steps while the table turns
-_FEWEST_REPEATED = 10  # intervals between readings
+_FEWEST_INTERVALS = 10  # between readings of an interpolated readback
 _DUST = 1e-9  # rad: smaller changes are rounding errors
 _BEND = 0.01  # times the largest second difference within `_AROUND`: smaller ones are straight
 _AROUND, _LONGEST_INTERVAL = 0.5, 3.0  # s
@@ -240,7 +240,7 @@ def readback_interval(track: Track) -> float:
     first, stop = np.flatnonzero(edges).reshape(-1, 2).T
     apart = np.diff(first)
     apart = apart[apart * step < _LONGEST_INTERVAL]
-    if apart.size < _FEWEST_REPEATED or np.median(stop - first) > 2:  # rows beside a reading
+    if apart.size < _FEWEST_INTERVALS or np.median(stop - first) > 2:  # rows beside a reading
         return 0.0
     interval = float(np.median(apart)) * step
     return interval if interval > 1.5 * step else 0.0
